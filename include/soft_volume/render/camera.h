@@ -1,0 +1,30 @@
+#pragma once
+
+#include "soft_volume/common/geometry.h"
+
+namespace soft_volume {
+
+/// A pinhole camera as in sensor_msgs/CameraInfo without distortion. The camera frame is optical: x right, y down,
+/// z forward. Pixel (0, 0) is the centre of the upper left pixel: a point (x, y, z) in the camera frame appears at
+/// u = fx x / z + cx, v = fy y / z + cy, so the image spans [-0.5, width - 0.5] x [-0.5, height - 0.5].
+struct Camera {
+  int width = 640;
+  int height = 480;
+  double fx = 600.0;
+  double fy = 600.0;
+  double cx = 319.5;
+  double cy = 239.5;
+  double near_m = 0.01;           ///< nearer than this nothing is drawn
+  double far_m = 10.0;            ///< farther than this nothing is drawn
+  Pose T_volume_camera;           ///< maps camera-frame points to the volume frame
+
+  /// A camera at `eye` that looks at `target` with `up` upwards in the image, all in the volume frame, and the given
+  /// vertical field of view in radians.
+  static Camera lookAt(const Vector3& eye, const Vector3& target, const Vector3& up, double vertical_fov_rad, int width,
+                       int height);
+  /// Throws SceneError when a number is not finite or out of range (1..8192 pixels, positive focal lengths,
+  /// 0 < near < far, a unit quaternion).
+  void validate() const;
+};
+
+}  // namespace soft_volume
