@@ -14,7 +14,7 @@ std::uint64_t hashBytes(const void* data, std::size_t size, std::uint64_t seed =
 
 template <typename T>
 std::uint64_t hashVector(const std::vector<T>& values, std::uint64_t seed = 0) {
-  static_assert(std::is_trivially_copyable<T>::value, "only plain values can be hashed by their bytes");
+  static_assert(std::is_standard_layout<T>::value, "only plain values can be hashed by their bytes");
   return hashBytes(values.data(), values.size() * sizeof(T), seed);
 }
 

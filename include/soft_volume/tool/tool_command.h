@@ -1,0 +1,40 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "soft_volume/common/geometry.h"
+
+namespace soft_volume {
+
+/// What every command of a tool to the tissue carries; mirrors the leading fields of the messages ToolForce, ToolCut
+/// and ToolGrip, whose comments define them.
+struct ToolCommandHeader {
+  std::uint64_t session = 0;
+  std::uint32_t revision = 0;
+  std::uint64_t step = 0;            ///< of the patch that it was computed on
+  std::string tool_id;
+  std::uint64_t sequence = 0;
+  std::uint64_t apply_at_step = 0;   ///< 0: next
+};
+
+/// A force on the tissue, spread over a footprint; volume frame.
+struct ToolForceCommand {
+  ToolCommandHeader header;
+  std::uint32_t hold_steps = 0;
+  Vector3 force_n = Vector3::Zero();
+  Vector3 point_m = Vector3::Zero();
+  double footprint_radius_m = 0.0;
+};
+
+/// A quad swept by a blade's edge on the deformed tissue: tip and heel before, heel and tip after; volume frame, metres.
+using SweptQuad = std::array<Vector3, 4>;
+
+struct ToolCutCommand {
+  ToolCommandHeader header;
+  std::vector<SweptQuad> quads;
+};
+
+}  // namespace soft_volume
