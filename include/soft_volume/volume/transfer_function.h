@@ -12,17 +12,17 @@ namespace soft_volume {
 /// the slices: a slab of thickness d has 1 - (1 - opacity)^(d / unit_distance_m).
 struct TransferFunction {
   struct Point {
-    double value = 0.0;                          ///< scalar in the volume's own units
-    Vector3f colour = Vector3f::Zero();          ///< linear RGB in [0, 1], not premultiplied
-    float opacity = 0.0F;                        ///< in [0, 1] per unit distance
+    double value = 0.0;                  ///< scalar in the volume's own units
+    Vector3f colour = Vector3f::Zero();  ///< linear RGB in [0, 1], not premultiplied
+    float opacity = 0.0F;                ///< in [0, 1] per unit distance
   };
   struct Sample {
     Vector3f colour;
     float opacity;
   };
 
-  std::vector<Point> points;        ///< at least two, strictly increasing values
-  double unit_distance_m = 0.001;   ///< distance that `opacity` refers to
+  std::vector<Point> points;       ///< at least two, strictly increasing values
+  double unit_distance_m = 0.001;  ///< distance that `opacity` refers to
 
   /// Value outside the points clamps to the first or last one; NaN gives opacity 0. Needs valid points.
   Sample evaluate(double value) const;

@@ -35,10 +35,10 @@ std::string scalarName(ScalarType type);
 /// "volume" in messages. `direction` and `origin_m` keep the orientation that the file gave:
 /// p_patient = origin_m + direction * p_volume, with the patient frame in RAS (right, anterior, superior) metres.
 struct VolumeGeometry {
-  Vector3i dims = Vector3i::Zero();          ///< voxels along i, j, k
-  Vector3 spacing_m = Vector3::Ones();       ///< distance of voxel centres along i, j, k
-  Vector3 origin_m = Vector3::Zero();        ///< patient-frame position of voxel (0, 0, 0)
-  Matrix3 direction = Matrix3::Identity();   ///< orthonormal columns; the determinant is -1 where the file mirrors
+  Vector3i dims = Vector3i::Zero();         ///< voxels along i, j, k
+  Vector3 spacing_m = Vector3::Ones();      ///< distance of voxel centres along i, j, k
+  Vector3 origin_m = Vector3::Zero();       ///< patient-frame position of voxel (0, 0, 0)
+  Matrix3 direction = Matrix3::Identity();  ///< orthonormal columns; the determinant is -1 where the file mirrors
 
   std::size_t voxelCount() const { return std::size_t(dims.x()) * std::size_t(dims.y()) * std::size_t(dims.z()); }
   /// Linear index i + nx*(j + ny*k).

@@ -9,8 +9,9 @@ namespace soft_volume {
 
 /// Limits for the child process that parses a file. The defaults fit a 1024^3 int16 CT on a workstation.
 struct ReadLimits {
-  std::uint64_t memory_bytes = std::uint64_t(8) << 30;  ///< address space that the child may take above its own libraries
-  double time_s = 120.0;                                ///< wall-clock time after which the child is ended
+  std::uint64_t memory_bytes = std::uint64_t(8)
+                               << 30;  ///< address space that the child may take above its own libraries
+  double time_s = 120.0;               ///< wall-clock time after which the child is ended
 };
 
 /// Reads NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), VTI (.vti) or a folder with one DICOM

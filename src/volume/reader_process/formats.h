@@ -1,0 +1,16 @@
+#pragma once
+
+#include <string>
+
+#include "image.h"
+
+namespace soft_volume::reader {
+
+/// Each reads one file (or folder), refuses more than one component and more than `limit` bytes, and throws ReadError.
+Image readNifti(const std::string& path, std::uint64_t limit);
+Image readNrrd(const std::string& path, std::uint64_t limit);
+Image readMetaImage(const std::string& path, std::uint64_t limit);
+Image readVti(const std::string& path, std::uint64_t limit);
+Image readDicomFolder(const std::string& path, std::uint64_t limit);
+
+}  // namespace soft_volume::reader
