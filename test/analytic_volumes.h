@@ -6,7 +6,7 @@
 
 #include "soft_volume/volume/volume.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// A float volume whose voxels hold `value(p)` at their centres p in the volume frame, metres.
 inline Volume makeVolume(const Vector3i& dims, double spacing_m, const std::function<double(const Vector3&)>& value) {
@@ -25,4 +25,4 @@ inline Volume makeVolume(const Vector3i& dims, double spacing_m, const std::func
   return Volume(geometry, ScalarType::kFloat32, std::move(data));
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

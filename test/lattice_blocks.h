@@ -5,7 +5,7 @@
 #include "soft_volume/grid/lattice.h"
 #include "soft_volume/material/material.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// A full block of cubic cells of material 0 with its lowest corner at the origin.
 inline Lattice makeBlock(int nx, int ny, int nz, double spacing_m) {
@@ -22,4 +22,4 @@ inline std::vector<Material> oneMaterial(double youngs_modulus_pa, double dampin
   return {material};
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

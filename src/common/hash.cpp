@@ -5,7 +5,7 @@
 
 #include <cstdio>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 std::uint64_t hashBytes(const void* data, std::size_t size, std::uint64_t seed) {
   return XXH3_64bits_withSeed(data, size, seed);
@@ -17,4 +17,4 @@ std::string hashToString(std::uint64_t hash) {
   return text;
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

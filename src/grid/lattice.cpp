@@ -4,7 +4,7 @@
 
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 void checkLattice(const Vector3i& dims, const Vector3& spacing_m, const Vector3& origin_m, std::size_t materials) {
@@ -130,4 +130,4 @@ Topology makeTopology(const Lattice& lattice, const VolumeGeometry& volume, std:
   return topology;
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

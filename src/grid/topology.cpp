@@ -4,7 +4,7 @@
 
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 void require(bool condition, const char* message) {
@@ -37,4 +37,4 @@ void Topology::validate() const {
   require(std::all_of(texture_coordinates.begin(), texture_coordinates.end(), finite), "a texture coordinate is not finite");
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -5,7 +5,7 @@
 #include <set>
 #include <utility>
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 using FaceOfCell = std::pair<std::uint32_t, int>;
@@ -175,4 +175,4 @@ double cutOpening(const Lattice& lattice, const std::vector<Vector3>& positions_
   return std::sqrt(squared);
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -6,7 +6,7 @@
 
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 constexpr std::int32_t kNone = Lattice::kNone;
@@ -181,4 +181,4 @@ Lattice buildLattice(const Volume& volume, const Volume* labels, const std::vect
   return lattice;
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

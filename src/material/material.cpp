@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 CellSprings isotropicSprings(double youngs_modulus_pa, double spacing_m) {
   const double scale = youngs_modulus_pa * spacing_m;
@@ -14,4 +14,4 @@ double bulkTimeStepLimit(const Material& material, double spacing_m) {
   return 2.0 * spacing_m * std::sqrt(material.density_kg_m3 / (12.0 * mu_pa));
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

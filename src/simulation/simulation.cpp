@@ -8,7 +8,7 @@
 #include "soft_volume/common/hash.h"
 #include "soft_volume/common/parallel.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 /// What the springs of one vertex say: the force they exert and the distance to the nearest vertex at their other ends.
@@ -278,4 +278,4 @@ std::uint64_t Simulation::stateHash() const {
   return hashVector(state_.velocities_m_s, hashVector(state_.positions_m));
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

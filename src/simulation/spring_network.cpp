@@ -4,7 +4,7 @@
 
 #include "soft_volume/grid/hexahedron.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 struct Spring {
@@ -83,4 +83,4 @@ SpringNetwork buildSpringNetwork(const Lattice& lattice, const std::vector<Mater
   return network;
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

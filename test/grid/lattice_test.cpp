@@ -7,7 +7,7 @@
 
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 Lattice block(int nx, int ny, int nz, double h = 0.01) {
@@ -123,4 +123,4 @@ TEST(Topology, RejectsEachInconsistentField) {
 }
 
 }  // namespace
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -5,7 +5,7 @@
 #include "lattice_blocks.h"
 #include "soft_volume/simulation/simulation.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 constexpr double kH = 0.005;
@@ -135,4 +135,4 @@ TEST(Incision, OpensByItselfAndSettles) {
 }
 
 }  // namespace
-}  // namespace soft_volume
+}  // namespace soft_volume::core

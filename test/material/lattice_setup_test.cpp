@@ -5,7 +5,7 @@
 #include "analytic_volumes.h"
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 Material tissue(double min, double max, double youngs_modulus_pa = 5000.0) {
@@ -109,4 +109,4 @@ TEST(LatticeSetup, RefusesWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -8,7 +8,7 @@
 #include "lattice_blocks.h"
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 constexpr double kH = 0.005;
@@ -299,4 +299,4 @@ TEST(Simulation, RefusesAStateThatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -3,7 +3,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// Base of everything that a user can cause. Every message says what is wrong and what to do about it. A developer's
 /// mistake is an assert instead.
@@ -31,4 +31,4 @@ class InputError : public Error {
   using Error::Error;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// Vectors are column vectors in metres unless a name says otherwise. `p_A` is a point in frame A, `T_A_B` maps points
 /// in B to A (doc/frames.md).
@@ -39,4 +39,4 @@ inline bool isUsable(const Pose& pose) {
 /// An axis-aligned box in metres; empty until something was added.
 using Box3 = Eigen::AlignedBox3d;
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

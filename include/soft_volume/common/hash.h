@@ -6,7 +6,7 @@
 #include <type_traits>
 #include <vector>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// 64-bit XXH3 of a block of memory. Used for identity (did these bytes change?), never for security. The value is the
 /// same on every machine of the same byte order.
@@ -21,4 +21,4 @@ std::uint64_t hashVector(const std::vector<T>& values, std::uint64_t seed = 0) {
 /// Sixteen lower-case hexadecimal digits.
 std::string hashToString(std::uint64_t hash);
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

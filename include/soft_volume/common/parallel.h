@@ -2,7 +2,7 @@
 
 #include <cstddef>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// Calls `body(i)` for every i in [0, count) on up to `threads` threads. Results are the same for any number of threads
 /// as long as body(i) writes only what belongs to i: that is the rule of every caller (gathers, never scatters). The
@@ -17,4 +17,4 @@ void parallelFor(std::ptrdiff_t count, int threads, const Body& body) {
   for (std::ptrdiff_t i = 0; i < count; ++i) body(i);
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -3,7 +3,7 @@
 #include <array>
 #include <cstdint>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// Tables of a hexahedron in VTK's vertex and face order.
 
@@ -40,4 +40,4 @@ constexpr std::array<CornerPair, 28> makeCornerPairs() {
 
 constexpr std::array<CornerPair, 28> kCornerPairs = makeCornerPairs();
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

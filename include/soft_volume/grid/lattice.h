@@ -9,7 +9,7 @@
 #include "soft_volume/grid/topology.h"
 #include "soft_volume/volume/volume.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// The hexahedral simulation grid (dissertation section 4.2): equal box-shaped cells on a regular lattice, present only
 /// where there is tissue, incisions included. Cells are numbered in lattice order and never renumbered; an incision
@@ -86,4 +86,4 @@ Lattice makeLattice(const Vector3i& dims, const Vector3& spacing_m, const Vector
 /// What receivers see of a lattice that lies in a volume.
 Topology makeTopology(const Lattice& lattice, const VolumeGeometry& volume, std::uint64_t session);
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

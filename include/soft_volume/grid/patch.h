@@ -6,7 +6,7 @@
 
 #include "soft_volume/common/geometry.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// The cells near a tool with what contact needs of them; mirrors the message GridPatch. Vertex and cell numbers are
 /// those of the topology with the same session and revision.
@@ -24,4 +24,4 @@ struct GridPatch {
   std::vector<float> cut_resistance_j_m2; ///< per cell: energy to part a unit area, 0 where not modelled
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -5,7 +5,7 @@
 
 #include "soft_volume/common/geometry.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// VTK's cell types, as far as they are drawn. The numbers are VTK's.
 enum class CellType : std::uint8_t {
@@ -42,4 +42,4 @@ struct Topology {
   void validate() const;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

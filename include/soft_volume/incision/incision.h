@@ -7,7 +7,7 @@
 #include "soft_volume/material/material.h"
 #include "soft_volume/tool/tool_command.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// How an incision acts. Defaults are those of the scene file.
 struct IncisionSettings {
@@ -39,4 +39,4 @@ IncisionResult cutLattice(Lattice& lattice, const std::vector<Material>& materia
 /// Largest distance between a vertex and the one that it was replicated from, metres; 0 without incisions.
 double cutOpening(const Lattice& lattice, const std::vector<Vector3>& positions_m);
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -6,7 +6,7 @@
 #include "soft_volume/material/material.h"
 #include "soft_volume/volume/volume.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// How a volume becomes a lattice. Defaults are those of the scene file.
 struct LatticeSettings {
@@ -30,4 +30,4 @@ struct LatticeSettings {
 Lattice buildLattice(const Volume& volume, const Volume* labels, const std::vector<Material>& materials,
                      const LatticeSettings& settings);
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

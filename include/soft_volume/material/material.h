@@ -6,7 +6,7 @@
 
 #include "soft_volume/common/geometry.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// A tissue and the voxels that consist of it. SI units.
 struct Material {
@@ -43,4 +43,4 @@ CellSprings isotropicSprings(double youngs_modulus_pa, double spacing_m);
 /// omega_max^2 = 12 mu / (rho h^2), mu = 0.4 E; about 0.88 h sqrt(rho / E).
 double bulkTimeStepLimit(const Material& material, double spacing_m);
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -9,7 +9,7 @@
 #include "soft_volume/material/material.h"
 #include "soft_volume/simulation/spring_network.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 enum class Integrator {
   kSymplecticEuler,  ///< v += dt a; x += dt v
@@ -82,6 +82,9 @@ class Simulation {
   const std::vector<Vector3>& positions() const { return state_.positions_m; }
   const std::vector<Vector3>& velocities() const { return state_.velocities_m_s; }
   const SimulationSettings& settings() const { return settings_; }
+  int threads() const { return threads_; }
+  /// No vertex is farther from rest than this, in metres.
+  double reach() const { return reach_m_; }
   std::size_t activeCells() const { return active_cells_.size(); }
   std::uint64_t limitedMoves() const { return limited_moves_; }
   /// Largest distance of any vertex from rest, in metres.
@@ -126,4 +129,4 @@ class Simulation {
   double reach_m_ = 0.0;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -6,7 +6,7 @@
 #include "soft_volume/grid/lattice.h"
 #include "soft_volume/material/material.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// The mass-spring system of a lattice (section 4.2): every cell connects its eight vertices completely; springs that
 /// neighbouring cells share are merged into one whose stiffness is the sum and whose rest length is the mean weighted by
@@ -25,4 +25,4 @@ struct SpringNetwork {
 /// Builds the network of a lattice with cubic cells. Springs between two fixed vertices are left out: they never act.
 SpringNetwork buildSpringNetwork(const Lattice& lattice, const std::vector<Material>& materials);
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

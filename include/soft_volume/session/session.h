@@ -1,0 +1,100 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "soft_volume/grid/lattice.h"
+#include "soft_volume/grid/patch.h"
+#include "soft_volume/scene/scene.h"
+#include "soft_volume/simulation/simulation.h"
+#include "soft_volume/tool/tool_command.h"
+#include "soft_volume/volume/volume.h"
+
+namespace soft_volume::core {
+
+/// What became of an input.
+struct Verdict {
+  bool applied = false;
+  std::string reason;  ///< why it was refused; empty when it was applied
+};
+
+/// All that a bit-exact continuation needs together with scene and volume; mirrors the message SimulationCheckpoint.
+struct Checkpoint {
+  std::uint64_t session = 0;
+  std::uint32_t revision = 0;
+  std::uint64_t scene_hash = 0;
+  std::uint64_t volume_hash = 0;
+  // The lattice, as far as incisions change it; per cell, and per vertex the one that it was replicated from.
+  std::vector<std::array<std::uint32_t, 8>> cells;
+  std::vector<std::array<std::int32_t, 6>> face_neighbours;
+  std::vector<std::array<std::uint8_t, 6>> cut_faces;
+  std::vector<Vector3> rest_stretch;
+  std::vector<std::uint32_t> origin_vertices;
+  SimulationState state;
+  std::map<std::string, std::uint64_t> sequences;  ///< last sequence number accepted, by "topic tool_id"
+};
+
+/// A run of a scene: the only place where inputs meet the simulation. Live nodes and the offline replay call the same
+/// functions in the same order, which is why a replay is bit-identical.
+///
+/// An input that cannot be used is refused with a reason and leaves the state as it was. Not thread-safe.
+class Session {
+ public:
+  /// Builds the lattice. `labels` may be null. `id` is not 0. Throws SceneError when scene and volume do not fit.
+  Session(const Scene& scene, std::shared_ptr<const Volume> volume, std::shared_ptr<const Volume> labels,
+          std::uint64_t id, int threads);
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
+
+  /// Refused: another session or revision, an old sequence number, a tool that the scene does not have, a value that is
+  /// not finite or out of range, a footprint without tissue, a step that has passed.
+  Verdict apply(const ToolForceCommand& command);
+  /// Refused for the same reasons. A cut that meets no tissue is applied and changes nothing.
+  Verdict apply(const ToolCutCommand& command);
+  /// Continues where the checkpoint was taken, in this session; meant for a session that has done no step yet, because
+  /// step and revision become those of the checkpoint. Refused when it was taken from another scene or volume, or does
+  /// not hold together.
+  Verdict apply(const Checkpoint& checkpoint);
+
+  void step();
+
+  std::uint64_t id() const { return id_; }
+  std::uint64_t steps() const { return simulation_.state().step; }
+  double simulationTime() const { return static_cast<double>(steps()) * scene_.simulation.dt_s; }
+  const Scene& scene() const { return scene_; }
+  const std::shared_ptr<const Volume>& volume() const { return volume_; }
+  const std::shared_ptr<const Volume>& labels() const { return labels_; }
+  const Lattice& lattice() const { return lattice_; }
+  const Simulation& simulation() const { return simulation_; }
+  std::uint64_t sceneHash() const { return scene_hash_; }
+  std::uint64_t volumeHash() const { return volume_hash_; }
+
+  Topology topology() const { return makeTopology(lattice_, volume_->geometry(), id_); }
+  /// The cells with a vertex within `radius_m` of a point; empty when there are none.
+  GridPatch patch(const std::string& tool_id, const Vector3& point_m, double radius_m) const;
+  Checkpoint checkpoint() const;
+  double cutOpening() const { return core::cutOpening(lattice_, simulation_.positions()); }
+  /// Smallest stability limit among the materials in the lattice that can move, seconds.
+  double timeStepLimit() const;
+
+ private:
+  std::string checkHeader(const char* topic, const ToolCommandHeader& header) const;
+  void accept(const char* topic, const ToolCommandHeader& header);
+  bool nearLattice(const Vector3& point_m) const;
+
+  Scene scene_;
+  std::shared_ptr<const Volume> volume_;
+  std::shared_ptr<const Volume> labels_;
+  std::uint64_t id_;
+  std::uint64_t scene_hash_;
+  std::uint64_t volume_hash_;
+  Lattice lattice_;
+  Simulation simulation_;
+  std::map<std::string, std::uint64_t> sequences_;
+};
+
+}  // namespace soft_volume::core

@@ -1,0 +1,248 @@
+#include "soft_volume/session/session.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "soft_volume/common/error.h"
+#include "soft_volume/common/hash.h"
+#include "soft_volume/incision/incision.h"
+
+namespace soft_volume::core {
+namespace {
+
+constexpr char kForceTopic[] = "tool/force";
+constexpr char kCutTopic[] = "tool/cut";
+constexpr std::uint32_t kMaxHoldSteps = 10000;
+constexpr double kMaxFootprintRadius_m = 0.1;
+/// A sweep between two poses of a device is a fraction of a millimetre; this many in one message is no blade.
+constexpr std::size_t kMaxQuads = 10000;
+
+std::string sequenceKey(const char* topic, const std::string& tool_id) { return std::string(topic) + " " + tool_id; }
+
+std::uint64_t hashText(const std::string& text) { return hashBytes(text.data(), text.size()); }
+
+bool allFinite(const ToolCutCommand& command) {
+  for (const SweptQuad& quad : command.quads) {
+    for (const Vector3& p : quad) {
+      if (!isFinite(p)) return false;
+    }
+  }
+  return true;
+}
+
+/// Throws InputError unless the checkpoint's lattice is one that incisions can make of `pristine`.
+void checkLattice(const Checkpoint& checkpoint, const Lattice& pristine, std::size_t pristine_vertices) {
+  const std::size_t cells = pristine.cellCount();
+  if (checkpoint.cells.size() != cells || checkpoint.face_neighbours.size() != cells ||
+      checkpoint.cut_faces.size() != cells || checkpoint.rest_stretch.size() != cells ||
+      checkpoint.origin_vertices.size() < pristine_vertices) {
+    throw InputError("the checkpoint belongs to another lattice: its cell or vertex count differs");
+  }
+  const std::size_t vertices = checkpoint.origin_vertices.size();
+  for (std::uint32_t v = 0; v < vertices; ++v) {
+    const std::uint32_t origin = checkpoint.origin_vertices[v];
+    if (v < pristine_vertices ? origin != v : origin >= v) {
+      throw InputError("the checkpoint replicates a vertex that does not exist");
+    }
+  }
+  for (std::size_t c = 0; c < cells; ++c) {
+    for (const std::uint32_t v : checkpoint.cells[c]) {
+      if (v >= vertices) throw InputError("the checkpoint's cells name a vertex that does not exist");
+    }
+    for (const std::int32_t n : checkpoint.face_neighbours[c]) {
+      if (n < Lattice::kNone || n >= static_cast<std::int64_t>(cells)) {
+        throw InputError("the checkpoint's cells name a neighbour that does not exist");
+      }
+    }
+    const Vector3& stretch = checkpoint.rest_stretch[c];
+    if (!isFinite(stretch) || stretch.minCoeff() <= 0.0) {
+      throw InputError("the checkpoint's rest stretch is not positive");
+    }
+  }
+}
+
+Lattice restoredLattice(const Lattice& current, const Checkpoint& checkpoint) {
+  Lattice lattice = current;
+  lattice.revision = checkpoint.revision;
+  lattice.cells = checkpoint.cells;
+  lattice.face_neighbours = checkpoint.face_neighbours;
+  lattice.cut_faces = checkpoint.cut_faces;
+  lattice.rest_stretch = checkpoint.rest_stretch;
+  lattice.origin_vertices = checkpoint.origin_vertices;
+  const std::size_t vertices = lattice.origin_vertices.size();
+  lattice.rest_positions.resize(vertices);
+  lattice.fixed.resize(vertices);
+  lattice.lattice_nodes.resize(vertices);
+  for (std::size_t v = 0; v < vertices; ++v) {
+    const std::uint32_t origin = lattice.origin_vertices[v];
+    lattice.rest_positions[v] = lattice.rest_positions[origin];
+    lattice.fixed[v] = lattice.fixed[origin];
+    lattice.lattice_nodes[v] = lattice.lattice_nodes[origin];
+  }
+  return lattice;
+}
+
+std::size_t pristineVertices(const Lattice& lattice) {
+  std::size_t count = 0;
+  while (count < lattice.vertexCount() && lattice.origin_vertices[count] == count) ++count;
+  return count;
+}
+
+}  // namespace
+
+Session::Session(const Scene& scene, std::shared_ptr<const Volume> volume, std::shared_ptr<const Volume> labels,
+                 std::uint64_t id, int threads)
+    : scene_(scene),
+      volume_(std::move(volume)),
+      labels_(std::move(labels)),
+      id_(id),
+      scene_hash_(hashText(writeScene(scene))),
+      volume_hash_(volume_->hash()),
+      lattice_(buildLattice(*volume_, labels_.get(), scene_.materials, scene_.lattice)),
+      simulation_(lattice_, scene_.materials, scene_.simulation, threads) {
+  const double limit_s = timeStepLimit();
+  if (scene_.simulation.dt_s >= limit_s) {
+    throw SceneError("simulation.dt_s " + std::to_string(scene_.simulation.dt_s) +
+                     " s is beyond the stability limit of the stiffest movable material, " + std::to_string(limit_s) +
+                     " s: choose a smaller step, a larger lattice.spacing_m or a softer material");
+  }
+}
+
+double Session::timeStepLimit() const {
+  double limit_s = std::numeric_limits<double>::infinity();
+  for (std::size_t c = 0; c < lattice_.cellCount(); ++c) {
+    const Material& material = scene_.materials[lattice_.materials[c]];
+    if (!material.fixed) limit_s = std::min(limit_s, bulkTimeStepLimit(material, scene_.lattice.spacing_m));
+  }
+  return limit_s;
+}
+
+bool Session::nearLattice(const Vector3& point_m) const {
+  const Vector3 size = lattice_.spacing_m.cwiseProduct(lattice_.dims.cast<double>());
+  const Box3 box(Vector3(lattice_.origin_m - size), Vector3(lattice_.origin_m + 2.0 * size));
+  return box.contains(point_m);
+}
+
+std::string Session::checkHeader(const char* topic, const ToolCommandHeader& header) const {
+  if (header.session != id_) return "it is meant for another session";
+  if (header.revision != lattice_.revision) {
+    return "it was computed on revision " + std::to_string(header.revision) + "; the grid has revision " +
+           std::to_string(lattice_.revision);
+  }
+  if (scene_.findTool(header.tool_id) == nullptr) return "the scene has no tool '" + header.tool_id + "'";
+  const auto last = sequences_.find(sequenceKey(topic, header.tool_id));
+  if (last != sequences_.end() && header.sequence <= last->second) {
+    return "sequence " + std::to_string(header.sequence) + " is not newer than " + std::to_string(last->second);
+  }
+  if (header.apply_at_step != 0 && header.apply_at_step <= steps()) {
+    return "it was to be applied at step " + std::to_string(header.apply_at_step) + ", which has passed";
+  }
+  return "";
+}
+
+void Session::accept(const char* topic, const ToolCommandHeader& header) {
+  sequences_[sequenceKey(topic, header.tool_id)] = header.sequence;
+}
+
+Verdict Session::apply(const ToolForceCommand& command) {
+  const std::string problem = checkHeader(kForceTopic, command.header);
+  if (!problem.empty()) return {false, problem};
+  if (!isFinite(command.force_n) || !isFinite(command.point_m)) return {false, "force or point is not finite"};
+  if (command.force_n.norm() > scene_.max_tool_force_n) {
+    return {false, "a force beyond the scene's max_tool_force_n of " + std::to_string(scene_.max_tool_force_n) + " N"};
+  }
+  if (!(command.footprint_radius_m > 0.0 && command.footprint_radius_m <= kMaxFootprintRadius_m)) {
+    return {false, "a footprint radius outside (0, 0.1] m"};
+  }
+  if (command.hold_steps < 1 || command.hold_steps > kMaxHoldSteps) return {false, "hold_steps outside [1, 10000]"};
+  if (command.force_n.isZero(0.0)) {
+    simulation_.releaseForce(command.header.tool_id);
+  } else if (!nearLattice(command.point_m) ||
+             !simulation_.holdForce(command.header.tool_id, command.force_n, command.point_m,
+                                    command.footprint_radius_m, steps() + command.hold_steps)) {
+    return {false, "no tissue lies within the footprint"};
+  }
+  accept(kForceTopic, command.header);
+  return {true, ""};
+}
+
+Verdict Session::apply(const ToolCutCommand& command) {
+  const std::string problem = checkHeader(kCutTopic, command.header);
+  if (!problem.empty()) return {false, problem};
+  if (command.quads.empty() || command.quads.size() > kMaxQuads) return {false, "the number of quads is outside [1, 10000]"};
+  if (!allFinite(command)) return {false, "a point of the blade is not finite"};
+  for (const SweptQuad& quad : command.quads) {
+    if (!std::all_of(quad.begin(), quad.end(), [this](const Vector3& p) { return nearLattice(p); })) {
+      return {false, "a point of the blade is far outside the lattice"};
+    }
+  }
+  const IncisionResult result = cutLattice(lattice_, scene_.materials, simulation_.positions(),
+                                           simulation_.reach(), command.quads, scene_.incision);
+  if (result.faces_opened > 0) {
+    simulation_.adoptTopology();
+    simulation_.wake(result.rest_box_m);
+  }
+  accept(kCutTopic, command.header);
+  return {true, ""};
+}
+
+Verdict Session::apply(const Checkpoint& checkpoint) {
+  if (checkpoint.scene_hash != scene_hash_) return {false, "the checkpoint belongs to another scene"};
+  if (checkpoint.volume_hash != volume_hash_) return {false, "the checkpoint belongs to another volume"};
+  const Lattice before = lattice_;
+  try {
+    checkLattice(checkpoint, lattice_, pristineVertices(lattice_));
+    lattice_ = restoredLattice(lattice_, checkpoint);
+    Simulation restored(lattice_, scene_.materials, scene_.simulation, simulation_.threads());
+    restored.restore(checkpoint.state);
+    simulation_ = std::move(restored);
+  } catch (const InputError& error) {
+    lattice_ = before;
+    return {false, error.what()};
+  }
+  sequences_ = checkpoint.sequences;
+  return {true, ""};
+}
+
+void Session::step() { simulation_.step(); }
+
+GridPatch Session::patch(const std::string& tool_id, const Vector3& point_m, double radius_m) const {
+  GridPatch patch;
+  patch.session = id_;
+  patch.revision = lattice_.revision;
+  patch.step = steps();
+  patch.tool_id = tool_id;
+  patch.cell_ids = simulation_.cellsNear(point_m, radius_m);
+  for (const std::uint32_t cell : patch.cell_ids) {
+    const Material& material = scene_.materials[lattice_.materials[cell]];
+    patch.stiffness_pa.push_back(static_cast<float>(material.youngs_modulus_pa));
+    patch.cut_resistance_j_m2.push_back(static_cast<float>(material.cut_resistance_j_m2));
+    patch.vertex_ids.insert(patch.vertex_ids.end(), lattice_.cells[cell].begin(), lattice_.cells[cell].end());
+  }
+  std::sort(patch.vertex_ids.begin(), patch.vertex_ids.end());
+  patch.vertex_ids.erase(std::unique(patch.vertex_ids.begin(), patch.vertex_ids.end()), patch.vertex_ids.end());
+  for (const std::uint32_t v : patch.vertex_ids) {
+    patch.positions.push_back(simulation_.positions()[v].cast<float>());
+    patch.velocities.push_back(simulation_.velocities()[v].cast<float>());
+  }
+  return patch;
+}
+
+Checkpoint Session::checkpoint() const {
+  Checkpoint checkpoint;
+  checkpoint.session = id_;
+  checkpoint.revision = lattice_.revision;
+  checkpoint.scene_hash = scene_hash_;
+  checkpoint.volume_hash = volume_hash_;
+  checkpoint.cells = lattice_.cells;
+  checkpoint.face_neighbours = lattice_.face_neighbours;
+  checkpoint.cut_faces = lattice_.cut_faces;
+  checkpoint.rest_stretch = lattice_.rest_stretch;
+  checkpoint.origin_vertices = lattice_.origin_vertices;
+  checkpoint.state = simulation_.state();
+  checkpoint.sequences = sequences_;
+  return checkpoint;
+}
+
+}  // namespace soft_volume::core
