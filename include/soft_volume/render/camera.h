@@ -2,7 +2,7 @@
 
 #include "soft_volume/common/geometry.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// A pinhole camera as in sensor_msgs/CameraInfo without distortion. The camera frame is optical: x right, y down,
 /// z forward. Pixel (0, 0) is the centre of the upper left pixel: a point (x, y, z) in the camera frame appears at
@@ -14,9 +14,9 @@ struct Camera {
   double fy = 600.0;
   double cx = 319.5;
   double cy = 239.5;
-  double near_m = 0.01;           ///< nearer than this nothing is drawn
-  double far_m = 10.0;            ///< farther than this nothing is drawn
-  Pose T_volume_camera;           ///< maps camera-frame points to the volume frame
+  double near_m = 0.01;  ///< nearer than this nothing is drawn
+  double far_m = 10.0;   ///< farther than this nothing is drawn
+  Pose T_volume_camera;  ///< maps camera-frame points to the volume frame
 
   /// A camera at `eye` that looks at `target` with `up` upwards in the image, all in the volume frame, and the given
   /// vertical field of view in radians.
@@ -27,4 +27,4 @@ struct Camera {
   void validate() const;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

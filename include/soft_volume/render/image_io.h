@@ -1,0 +1,34 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace soft_volume::core {
+
+/// An 8-bit colour image: rows from the top, pixels from the left, red, green, blue. As sensor_msgs' rgb8.
+struct Image {
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint8_t> rgb;  ///< width * height * 3
+};
+
+/// Writes an 8-bit RGB PNG. Throws FileError.
+void writePng(const std::string& path, const Image& image);
+/// Reads any PNG as 8-bit RGB; alpha is dropped. Throws FileError.
+Image readPng(const std::string& path);
+
+/// A JPEG file in memory, 4:2:0. `quality` is 1 to 100; throws InputError outside, and on an empty image.
+std::vector<std::uint8_t> encodeJpeg(const Image& image, int quality);
+
+/// How far two images are apart, over all pixels and channels in 8-bit levels.
+struct ImageDifference {
+  double rmse = 0.0;
+  double psnr_db = 0.0;  ///< infinite when the images are the same
+  int largest = 0;
+  std::size_t pixels = 0;  ///< that differ in any channel
+};
+/// Throws InputError when the sizes differ or an image is empty.
+ImageDifference compareImages(const Image& a, const Image& b);
+
+}  // namespace soft_volume::core

@@ -1,0 +1,92 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "soft_volume/common/geometry.h"
+#include "soft_volume/grid/topology.h"
+#include "soft_volume/render/camera.h"
+#include "soft_volume/render/image_io.h"
+#include "soft_volume/volume/transfer_function.h"
+#include "soft_volume/volume/volume.h"
+
+namespace soft_volume::core {
+
+struct RenderOptions {
+  /// Planes over the depth of the grid at rest, 1 to 4096. A deformed grid that is deeper gets more of the same
+  /// distance.
+  int slices = 125;
+  /// 0 draws the transfer function's colours as they are, 1 with the full light; [0, 1].
+  double shading = 0.7;
+  /// Also compute depth; costs one more texture read per fragment.
+  bool depth = false;
+  /// Accumulated opacity at which depth is taken, in (0, 1).
+  double depth_threshold = 0.5;
+
+  /// Throws SceneError when a number is out of range.
+  void validate() const;
+};
+
+/// A rendered image. Rows from the top, pixels from the left.
+struct Frame {
+  int width = 0;
+  int height = 0;
+  std::vector<float> rgba;     ///< width * height * 4, premultiplied with opacity; never NaN
+  std::vector<float> depth_m;  ///< width * height along the camera's z (REP-118), NaN where nothing was hit; or empty
+  int slices = 0;              ///< planes drawn
+  std::size_t polygons = 0;    ///< drawn
+
+  /// Over an opaque background (RGB in [0, 1]), rounded. Colours are taken as they are, without a display curve.
+  Image toRgb8(const Vector3f& background) const;
+};
+
+/// Slice-based volume rendering of a deformed grid (dissertation, chapter 3 and section 4.5): the volume is a 3D
+/// texture on the cells, the grid is cut by planes parallel to the view plane, and the slices are composited in
+/// float32.
+///
+/// Optical model: emission and absorption. The transfer function is applied per fragment, after interpolation. A slice
+/// stands for the slab around it: a fragment's opacity is that of the ray's whole way through the slab,
+/// distance / cos(angle to the view axis). Slices are composited front to back ("under" operator), with and without
+/// depth, so colours do not depend on whether depth is asked for. Depth is where the accumulated opacity passes the
+/// threshold, interpolated within the slab (opacity grows exponentially in it).
+///
+/// Light: one sun fixed to the camera, from the viewer's side and above (direction (0, -0.5, -1) in the optical frame,
+/// normalised). A fragment compares its value with the one two voxels nearer to the light: the more the value falls
+/// towards the light, the more a surface faces it; a fall by 1/3.5 of the transfer function's range is full light, none
+/// 30 % of it. The light's direction follows the deformation, so dents show. One sample sees the direction of an edge
+/// but not its strength: `shading` shows form, it is no measurement.
+///
+/// The image depends on the input alone, not on earlier calls or the number of threads. Cells over which the transfer
+/// function is transparent are not drawn.
+///
+/// Used from one thread at a time, from any thread. Not real-time safe. Limits: hexahedra only; the volume must fit
+/// into one 3D texture.
+class SliceRenderer {
+ public:
+  /// Throws Error when there is no OpenGL 4.5 core context.
+  SliceRenderer();
+  ~SliceRenderer();
+  SliceRenderer(const SliceRenderer&) = delete;
+  SliceRenderer& operator=(const SliceRenderer&) = delete;
+
+  /// Uploads the volume: 8- and 16-bit integers as normalised 16-bit texels (-32768 becomes -32767), other types as
+  /// float32. Throws InputError when it is null or empty, a side is longer than the driver's largest 3D texture, or
+  /// memory runs out; the former volume then stays.
+  void setVolume(std::shared_ptr<const Volume> volume);
+  /// Throws SceneError when it is not valid; the former function then stays.
+  void setTransferFunction(const TransferFunction& function);
+  /// The rest positions fix the planes. Throws InputError on a topology that is not valid or has cells other than
+  /// hexahedra; the former topology then stays.
+  void setTopology(const Topology& topology);
+
+  /// `positions`: volume frame, metres, one per vertex of the topology. Throws InputError when their number is wrong or
+  /// one is not usable, or when volume, transfer function or topology were not set; SceneError on a camera or options
+  /// out of range. A grid outside the view gives a transparent frame.
+  Frame render(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options = {});
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace soft_volume::core

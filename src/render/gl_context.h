@@ -1,0 +1,101 @@
+#pragma once
+
+#include <GL/glcorearb.h>
+
+#include <memory>
+
+#include "gl_maker.h"
+
+namespace soft_volume::core {
+
+/// The OpenGL functions that this room uses, loaded from the context's own maker. No GL library is linked: mixing one
+/// with OSMesa crashes.
+#define SOFT_VOLUME_GL_FUNCTIONS(X)                   \
+  X(ACTIVETEXTURE, ActiveTexture)                     \
+  X(ATTACHSHADER, AttachShader)                       \
+  X(BINDBUFFER, BindBuffer)                           \
+  X(BINDFRAGDATALOCATION, BindFragDataLocation)       \
+  X(BINDFRAMEBUFFER, BindFramebuffer)                 \
+  X(BINDTEXTURE, BindTexture)                         \
+  X(BINDVERTEXARRAY, BindVertexArray)                 \
+  X(BLENDEQUATIONI, BlendEquationi)                   \
+  X(BLENDFUNCI, BlendFunci)                           \
+  X(BUFFERDATA, BufferData)                           \
+  X(CHECKFRAMEBUFFERSTATUS, CheckFramebufferStatus)   \
+  X(CLEARBUFFERFV, ClearBufferfv)                     \
+  X(COMPILESHADER, CompileShader)                     \
+  X(CREATEPROGRAM, CreateProgram)                     \
+  X(CREATESHADER, CreateShader)                       \
+  X(DELETEBUFFERS, DeleteBuffers)                     \
+  X(DELETEFRAMEBUFFERS, DeleteFramebuffers)           \
+  X(DELETEPROGRAM, DeleteProgram)                     \
+  X(DELETESHADER, DeleteShader)                       \
+  X(DELETETEXTURES, DeleteTextures)                   \
+  X(DELETEVERTEXARRAYS, DeleteVertexArrays)           \
+  X(DRAWBUFFERS, DrawBuffers)                         \
+  X(DRAWELEMENTS, DrawElements)                       \
+  X(ENABLE, Enable)                                   \
+  X(ENABLEVERTEXATTRIBARRAY, EnableVertexAttribArray) \
+  X(FRAMEBUFFERTEXTURE2D, FramebufferTexture2D)       \
+  X(GENBUFFERS, GenBuffers)                           \
+  X(GENFRAMEBUFFERS, GenFramebuffers)                 \
+  X(GENTEXTURES, GenTextures)                         \
+  X(GENVERTEXARRAYS, GenVertexArrays)                 \
+  X(GETERROR, GetError)                               \
+  X(GETINTEGERV, GetIntegerv)                         \
+  X(GETPROGRAMINFOLOG, GetProgramInfoLog)             \
+  X(GETPROGRAMIV, GetProgramiv)                       \
+  X(GETSTRING, GetString)                             \
+  X(GETUNIFORMLOCATION, GetUniformLocation)           \
+  X(LINKPROGRAM, LinkProgram)                         \
+  X(PIXELSTOREI, PixelStorei)                         \
+  X(READBUFFER, ReadBuffer)                           \
+  X(READPIXELS, ReadPixels)                           \
+  X(SHADERSOURCE, ShaderSource)                       \
+  X(TEXIMAGE1D, TexImage1D)                           \
+  X(TEXIMAGE2D, TexImage2D)                           \
+  X(TEXIMAGE3D, TexImage3D)                           \
+  X(TEXPARAMETERI, TexParameteri)                     \
+  X(TEXTUREBARRIER, TextureBarrier)                   \
+  X(UNIFORM1F, Uniform1f)                             \
+  X(UNIFORM1I, Uniform1i)                             \
+  X(UNIFORM2F, Uniform2f)                             \
+  X(UNIFORM4F, Uniform4f)                             \
+  X(USEPROGRAM, UseProgram)                           \
+  X(VERTEXATTRIBPOINTER, VertexAttribPointer)         \
+  X(VIEWPORT, Viewport)
+
+struct GlFunctions {
+#define SOFT_VOLUME_GL_MEMBER(type, name) PFNGL##type##PROC name = nullptr;
+  SOFT_VOLUME_GL_FUNCTIONS(SOFT_VOLUME_GL_MEMBER)
+#undef SOFT_VOLUME_GL_MEMBER
+};
+
+/// A context with its functions. Used from one thread at a time: it is current only while a Current exists, so calls
+/// may come from different threads one after the other.
+class GlContext {
+ public:
+  /// Throws Error with a hint when there is no OpenGL 4.5 core context.
+  GlContext();
+  ~GlContext();
+
+  /// Makes the context current for the calling thread as long as it lives.
+  class Current {
+   public:
+    explicit Current(GlContext& context);
+    ~Current();
+    Current(const Current&) = delete;
+    Current& operator=(const Current&) = delete;
+
+   private:
+    GlContext& context_;
+  };
+
+  const GlFunctions& gl() const { return gl_; }
+
+ private:
+  std::unique_ptr<GlMaker> maker_;
+  GlFunctions gl_;
+};
+
+}  // namespace soft_volume::core

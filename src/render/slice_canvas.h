@@ -1,0 +1,59 @@
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "gl_context.h"
+#include "soft_volume/render/camera.h"
+#include "soft_volume/render/slice_renderer.h"
+#include "soft_volume/render/slicer.h"
+#include "transfer_table.h"
+
+namespace soft_volume::core {
+
+/// Everything of the slice renderer that talks to OpenGL: the textures, the two programs (with and without depth) and
+/// the float32 targets. Knows no grid. Same thread rules as GlContext.
+class SliceCanvas {
+ public:
+  SliceCanvas();
+  ~SliceCanvas();
+  SliceCanvas(const SliceCanvas&) = delete;
+  SliceCanvas& operator=(const SliceCanvas&) = delete;
+
+  /// Throws InputError as SliceRenderer::setVolume says.
+  void setVolume(const Volume& volume);
+  void setTable(const TransferTable& table);
+
+  /// Draws the slices and reads the frame back.
+  Frame draw(const Camera& camera, const SliceMesh& mesh, double slice_distance_m, const RenderOptions& options);
+
+ private:
+  struct Program;
+  void resize(int width, int height);
+  void upload(const SliceMesh& mesh);
+  void setUniforms(const Program& program, const Camera& camera, double slice_distance_m, const RenderOptions& options);
+  void bindTextures();
+  void prepareTargets(bool depth);
+  void drawSlices(const Program& program, const SliceMesh& mesh, bool depth);
+  void read(Frame& frame, bool depth);
+
+  GlContext context_;
+  std::unique_ptr<Program> colour_program_;
+  std::unique_ptr<Program> depth_program_;
+  GLuint volume_texture_ = 0;
+  GLuint table_texture_ = 0;
+  GLuint colour_target_ = 0;
+  GLuint depth_target_ = 0;
+  GLuint framebuffer_ = 0;
+  GLuint vertex_array_ = 0;
+  GLuint vertex_buffer_ = 0;
+  GLuint index_buffer_ = 0;
+  int width_ = 0;
+  int height_ = 0;
+  double value_scale_ = 1.0;   ///< texel to scalar
+  double light_step_m_ = 0.0;  ///< how far towards the light the second sample lies
+  double table_first_ = 0.0;
+  double table_scale_ = 1.0;
+};
+
+}  // namespace soft_volume::core

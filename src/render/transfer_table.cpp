@@ -1,0 +1,44 @@
+#include "transfer_table.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace soft_volume::core {
+namespace {
+
+/// Opacity 1 would absorb without end; this much is opaque for any slab thicker than a hundredth of the unit distance.
+constexpr double kMinTransparency = 1e-38;
+
+TransferTable::Entry makeEntry(const TransferFunction& function, double value) {
+  const TransferFunction::Sample sample = function.evaluate(value);
+  const double transparency = std::max(kMinTransparency, 1.0 - double(sample.opacity));
+  const float absorption = sample.opacity > 0.0F ? float(-std::log2(transparency) / function.unit_distance_m) : 0.0F;
+  return {sample.colour.x(), sample.colour.y(), sample.colour.z(), absorption};
+}
+
+}  // namespace
+
+TransferTable::TransferTable(const TransferFunction& function) {
+  function.validate();
+  first_value_ = function.points.front().value;
+  entries_per_value_ = (kSize - 1) / (function.points.back().value - first_value_);
+  entries_.reserve(kSize);
+  opaque_before_.assign(1, 0);
+  for (int i = 0; i < kSize; ++i) {
+    entries_.push_back(makeEntry(function, first_value_ + i / entries_per_value_));
+    opaque_before_.push_back(opaque_before_.back() + std::uint32_t(entries_.back()[3] > 0.0F));
+  }
+}
+
+int TransferTable::entryOf(double value) const {
+  return int(std::clamp((value - first_value_) * entries_per_value_, 0.0, double(kSize - 1)));
+}
+
+bool TransferTable::isTransparent(double low, double high) const {
+  // One entry more on both sides covers the rounding of the look-up.
+  const int begin = std::max(0, entryOf(low) - 1);
+  const int end = std::min(kSize, entryOf(high) + 3);
+  return opaque_before_[std::size_t(begin)] == opaque_before_[std::size_t(end)];
+}
+
+}  // namespace soft_volume::core

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "soft_volume/volume/transfer_function.h"
+
+namespace soft_volume::core {
+
+/// A transfer function sampled for look-up on the GPU, equally spaced from its first to its last point. Between entries
+/// the look-up takes the nearest one.
+class TransferTable {
+ public:
+  static constexpr int kSize = 4096;
+  /// Red, green, blue and the absorption of one metre in halvings: a way of d metres lets 2^(-absorption d) through.
+  using Entry = std::array<float, 4>;
+
+  /// Throws SceneError when the function is not valid.
+  explicit TransferTable(const TransferFunction& function);
+
+  const std::vector<Entry>& entries() const { return entries_; }
+  double firstValue() const { return first_value_; }
+  /// Entries per unit of value: value v is entry round((v - firstValue()) * entriesPerValue()), clamped.
+  double entriesPerValue() const { return entries_per_value_; }
+  /// True when no value in [low, high] has any opacity.
+  bool isTransparent(double low, double high) const;
+
+ private:
+  int entryOf(double value) const;
+
+  std::vector<Entry> entries_;
+  std::vector<std::uint32_t> opaque_before_;  ///< how many entries before this one have opacity
+  double first_value_ = 0.0;
+  double entries_per_value_ = 1.0;
+};
+
+}  // namespace soft_volume::core
