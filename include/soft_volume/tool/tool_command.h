@@ -7,17 +7,17 @@
 
 #include "soft_volume/common/geometry.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// What every command of a tool to the tissue carries; mirrors the leading fields of the messages ToolForce, ToolCut
 /// and ToolGrip, whose comments define them.
 struct ToolCommandHeader {
   std::uint64_t session = 0;
   std::uint32_t revision = 0;
-  std::uint64_t step = 0;            ///< of the patch that it was computed on
+  std::uint64_t step = 0;  ///< of the patch that it was computed on
   std::string tool_id;
   std::uint64_t sequence = 0;
-  std::uint64_t apply_at_step = 0;   ///< 0: next
+  std::uint64_t apply_at_step = 0;  ///< 0: next
 };
 
 /// A force on the tissue, spread over a footprint; volume frame.
@@ -29,7 +29,8 @@ struct ToolForceCommand {
   double footprint_radius_m = 0.0;
 };
 
-/// A quad swept by a blade's edge on the deformed tissue: tip and heel before, heel and tip after; volume frame, metres.
+/// A quad swept by a blade's edge on the deformed tissue: tip and heel before, heel and tip after; volume frame,
+/// metres.
 using SweptQuad = std::array<Vector3, 4>;
 
 struct ToolCutCommand {
@@ -37,4 +38,4 @@ struct ToolCutCommand {
   std::vector<SweptQuad> quads;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+
+#include "soft_volume/common/geometry.h"
+#include "soft_volume/tool/patch_contact.h"
+
+namespace soft_volume::core {
+
+/// Where a spherical tip touches the deformed tissue; volume frame.
+struct Contact {
+  bool touching = false;
+  Vector3 surface_point_m = Vector3::Zero();       ///< on the deformed surface, on the line through the tip
+  Vector3 normal = Vector3::Zero();                ///< outward unit vector
+  Vector3 surface_velocity_m_s = Vector3::Zero();  ///< of the tissue at the surface point
+  double penetration_m = 0.0;                      ///< of the sphere's lowest point below the surface, along the normal
+  bool patch_too_small = false;  ///< the surface lies beyond the patch: the penetration is a lower bound
+};
+
+/// Single-point contact along the gradient: follows one point of the tissue's surface from touch to release and
+/// measures the penetration of a sphere along the surface normal there.
+///
+/// - First touch: looks into 26 directions on the sphere. The gradient of the intensity where the surface is crossed
+///   gives the normal, mapped to the deformed frame by the inverse transpose of the deformation gradient.
+/// - Then: the surface point moves with the tissue that it lies on. From there the surface is searched along the line
+///   through the tip, never from the tip outwards: a tip may be arbitrarily deep, and a closed cavity between tip and
+///   surface is not noticed. The normal is the slope of the surface over the tip's radius or three quarters of a cell,
+///   whichever is more. The force turns towards it by a fifth of the difference per query and by at most 2 degrees, and
+///   never to the other side, so noise cannot flip it.
+/// - Where the lattice ends inside tissue (cells are left out, a cut opened), its boundary is the surface.
+///
+/// What it is not: it does not resist sliding (no friction) and does not prevent that a tip travels below the surface
+/// from one fold to the next; that needs a proxy (god object). A tip that starts inside tissue, with no history, leaves
+/// along the shortest of 26 ways, which may end in a cavity.
+///
+/// Queries allocate nothing. Not thread safe: one tracker belongs to one tip.
+class ContactTracker {
+ public:
+  /// `tip_m` is the centre of the sphere. Call once per pose; `field` may have got a new patch in between.
+  Contact query(const PatchContact& field, const Vector3& tip_m, double tip_radius_m);
+  /// Forgets the contact and the last free place: new session, device reconnected.
+  void reset() { *this = ContactTracker(); }
+
+ private:
+  struct Ray {
+    Vector3 origin;
+    Vector3 direction;
+    Vector3 at(double t) const { return origin + t * direction; }
+  };
+  struct Hit {
+    bool found = false;
+    double t = 0.0;
+    PatchContact::CellPoint inside;  // the last point in the tissue
+    bool at_iso_surface = false;     // otherwise the cells end there
+  };
+
+  static Hit findSurface(const PatchContact& field, const Ray& ray, double t_start, double t_min,
+                         double t_max = std::numeric_limits<double>::infinity());
+  static Hit bisect(const PatchContact& field, const Ray& ray, double inside_t, double outside_t,
+                    PatchContact::CellPoint inside);
+  static Vector3 gradientNormal(const PatchContact& field, const Hit& hit, const Vector3& outward);
+  static Vector3 surfaceNormal(const PatchContact& field, const Hit& hit, const Vector3& outward, double radius_m);
+  static Vector3 shortestWayOut(const PatchContact& field, const Vector3& tip_m);
+
+  Contact touch(const PatchContact& field, const Vector3& tip_m, double radius_m);
+  Contact follow(const PatchContact& field, const Vector3& tip_m, double radius_m);
+  bool touchDirection(const PatchContact& field, const Vector3& tip_m, double radius_m);
+  void carrySurfacePoint(const PatchContact& field);
+  void remember(const PatchContact& field, const Hit& hit);
+  Contact report(const PatchContact& field, const Hit& hit, double radius_m) const;
+  Contact release(const Vector3& tip_m);
+
+  bool touching_ = false;
+  bool has_free_tip_ = false;
+  Vector3 free_tip_m_ = Vector3::Zero();  // last place of the tip without contact
+  Vector3 normal_ = Vector3::Zero();
+  Vector3 surface_point_m_ = Vector3::Zero();
+  // The tissue that the surface point lies on, by the topology's cell number, so that it survives a new patch.
+  std::uint32_t surface_cell_id_ = 0;
+  Vector3 surface_local_ = Vector3::Zero();
+};
+
+}  // namespace soft_volume::core

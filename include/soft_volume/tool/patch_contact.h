@@ -1,0 +1,125 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "soft_volume/common/geometry.h"
+#include "soft_volume/grid/patch.h"
+#include "soft_volume/grid/topology.h"
+#include "soft_volume/tool/trilinear.h"
+#include "soft_volume/volume/volume.h"
+
+namespace soft_volume::core {
+
+/// What is at a point of the deformed tissue: finds the deformed cell that a point lies in, maps it through the cell's
+/// texture coordinates into the volume and samples the intensity there. This is how a tool touches the volume itself
+/// instead of a surface mesh (dissertation, chapter 5: contact straight from the volume).
+///
+/// Hexahedra and voxels of the patch take part; other cell types are counted in skippedCells() and are treated as air.
+/// Points and velocities are in the volume frame, metres and metres per second. Queries allocate nothing and take no
+/// lock; any number of threads may query while none calls update() or clear().
+class PatchContact {
+ public:
+  static constexpr std::uint32_t kNoCell = 0xffffffffU;
+
+  /// A point in a cell of the patch.
+  struct CellPoint {
+    std::uint32_t cell = kNoCell;     ///< index into the patch's cells, not the topology's number
+    Vector3 local = Vector3::Zero();  ///< trilinear coordinates in [0, 1]^3
+    bool found() const { return cell != kNoCell; }
+  };
+
+  /// What is at a point. Outside all cells there is air.
+  struct Sample {
+    CellPoint at;
+    double intensity = 0.0;  ///< in the volume's unit; meaningless outside the cells
+    bool tissue = false;     ///< inside a cell, and the intensity is at least the threshold (NaN is air)
+  };
+
+  /// Tissue is what has at least `tissue_threshold`, in the volume's own unit. `volume` must not be null or empty.
+  PatchContact(std::shared_ptr<const Volume> volume, double tissue_threshold);
+
+  /// Takes the cells of a new patch. Throws InputError and keeps the old patch when the new one does not fit the
+  /// topology (session, revision, a number out of range, a cell's vertex that is missing) or is not finite. The
+  /// topology must be valid (Topology::validate).
+  void update(const Topology& topology, const GridPatch& patch);
+  /// Forgets the patch: everything is air.
+  void clear();
+
+  bool empty() const { return cells_.empty(); }
+  std::size_t cellCount() const { return cells_.size(); }
+  std::size_t skippedCells() const { return skipped_; }
+  /// Box of the deformed cells; empty without cells.
+  const Box3& bounds() const { return bounds_; }
+  /// Distance between two looks along a ray: half a voxel, but not finer than 1/16 of a cell [m].
+  double marchStep() const { return march_step_m_; }
+  /// Mean edge of the deformed cells [m]; 0 without cells.
+  double meanEdge() const { return mean_edge_m_; }
+
+  /// The cell that holds a point. On a common face any of the cells may answer; all give the same place. `hint` is the
+  /// index of a cell to try first: it only saves time.
+  CellPoint locate(const Vector3& point_m, std::uint32_t hint = kNoCell) const;
+  Sample sample(const Vector3& point_m, std::uint32_t hint = kNoCell) const;
+
+  /// Deformed place of a point of a cell [m]. The functions below need a found point.
+  Vector3 position(const CellPoint& at) const { return cells_[at.cell].position.value(at.local); }
+  Vector3 velocity(const CellPoint& at) const { return cells_[at.cell].velocity.value(at.local); }
+  /// Its place in the undeformed volume, volume frame [m].
+  Vector3 volumePoint(const CellPoint& at) const { return cells_[at.cell].place.value(at.local); }
+  /// Gradient of the intensity by the deformed position [1/m]: the volume's gradient under the inverse transpose of the
+  /// deformation gradient. Zero in a cell without volume.
+  Vector3 gradient(const CellPoint& at) const;
+  /// The topology's number of a cell of the patch, and back; kNoCell when the patch lacks it.
+  std::uint32_t cellId(std::uint32_t cell) const { return cells_[cell].id; }
+  std::uint32_t cellOfId(std::uint32_t id) const;
+  /// True when the grid goes on behind the face that the point is nearest to, but the patch does not: the patch is too
+  /// small to say what is there. Always false on grids that are not all hexahedra or voxels.
+  bool gridGoesOn(const CellPoint& at) const;
+
+ private:
+  struct Cell {
+    Trilinear position;
+    Trilinear place;
+    Trilinear velocity;
+    Box3 box;
+    std::uint32_t id = 0;
+    std::uint8_t missing_neighbours = 0;  // bit f: the cell behind face f is not in the patch
+  };
+
+  void check(const Topology& topology, const GridPatch& patch);
+  void checkCorners(const Topology& topology, std::uint32_t id) const;
+  std::uint8_t missingNeighbours(const Topology& topology, std::uint32_t id) const;
+  Cell makeCell(const Topology& topology, const GridPatch& patch, std::uint32_t id) const;
+  void measure();
+  void buildBins();
+  std::array<int, 3> binOf(const Vector3& point_m) const;
+  std::size_t binIndex(int i, int j, int k) const {
+    return std::size_t(i) + std::size_t(bins_[0]) * (std::size_t(j) + std::size_t(bins_[1]) * std::size_t(k));
+  }
+  template <typename Visit>
+  void forBinsOf(const Cell& cell, const Visit& visit) const;
+
+  std::shared_ptr<const Volume> volume_;
+  double tissue_threshold_;
+
+  std::vector<Cell> cells_;  // increasing id
+  std::size_t skipped_ = 0;
+  Box3 bounds_;
+  double march_step_m_ = 0.0;
+  double mean_edge_m_ = 0.0;
+
+  // A regular grid of bins over bounds_; bin b lists bin_cells_[bin_offsets_[b] .. bin_offsets_[b + 1]).
+  std::array<int, 3> bins_{};
+  Vector3 bins_per_m_ = Vector3::Zero();
+  std::vector<std::uint32_t> bin_offsets_;
+  std::vector<std::uint32_t> bin_cells_;
+
+  // Scratch of update(), kept so that it allocates once: slot in the patch per vertex and cell of the grid.
+  std::vector<std::uint32_t> vertex_slots_;
+  std::vector<std::uint32_t> cell_slots_;
+  std::vector<std::uint32_t> bin_fill_;
+};
+
+}  // namespace soft_volume::core

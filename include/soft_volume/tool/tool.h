@@ -1,0 +1,140 @@
+#pragma once
+
+#include <bitset>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "soft_volume/common/geometry.h"
+#include "soft_volume/grid/patch.h"
+#include "soft_volume/grid/topology.h"
+#include "soft_volume/tool/force_limiter.h"
+#include "soft_volume/tool/patch_contact.h"
+#include "soft_volume/tool/probe.h"
+#include "soft_volume/tool/scalpel.h"
+#include "soft_volume/tool/tool_command.h"
+#include "soft_volume/volume/volume.h"
+
+namespace soft_volume::core {
+
+/// The device's buttons, bit i for button i.
+using Buttons = std::bitset<32>;
+
+/// Values are those of the message ToolState.
+enum class ToolKind : std::uint8_t { kProbe = 0, kScalpel = 1 };
+
+/// A tool of the scene.
+struct ToolConfig {
+  std::string id = "probe";  ///< not empty
+  ToolKind kind = ToolKind::kProbe;
+  double tissue_threshold = 0.0;     ///< intensity from which on there is tissue, in the volume's unit; finite
+  double tip_radius_m = 0.004;       ///< sphere that touches; [0.0005, 0.05]
+  double footprint_radius_m = 0.01;  ///< radius over which the tissue takes the force; [0.001, 0.1]
+  double patch_radius_m = 0.03;      ///< cells within this distance of the tip are asked for; [0.005, 0.2]
+  std::uint32_t hold_steps = 50;     ///< steps for which the tissue holds a force without a successor; [1, 10000]
+  CouplingConfig coupling;
+  DeviceLimits device;
+  SafetyConfig safety;
+
+  // Scalpel only.
+  double blade_length_m = 0.02;      ///< edge from the tip along the tool's +z axis; [0.001, 0.1]
+  double blade_min_move_m = 0.0005;  ///< a blade that moves less cuts nothing yet; [0.00005, 0.01]
+  double cutting_drag_n_s_m = 0.1;   ///< drag on the blade while it cuts; [0, coupling.device_damping_n_s_m]
+  std::uint32_t cut_button = 0;      ///< button that cuts while held; [0, 31]
+
+  /// Throws SceneError with the tool, the field and its range.
+  void validate() const;
+};
+
+/// What a driver reports. Call at the device's rate and, from a timer, also when nothing new came.
+struct ToolInput {
+  double time_s = 0.0;       ///< now, on the caller's clock; finite
+  double pose_time_s = 0.0;  ///< when the newest pose was received (or stamped, if the clock is the same one)
+  Pose pose;                 ///< tip of the tool, volume frame; any values: unusable ones are a fault
+  std::optional<Vector3> velocity_m_s;  ///< of the tip, where the device measures it; estimated otherwise
+  Buttons buttons;
+};
+
+/// What follows from one input; everything that the messages ToolForce, ToolCut, ToolState and servo_cf need.
+struct ToolOutput {
+  std::optional<ToolForceCommand> force;     ///< to the tissue; sent once with zero force when a contact ends
+  std::optional<ToolCutCommand> cut;         ///< to the tissue
+  Vector3 device_force_n = Vector3::Zero();  ///< to the device; opposes the push
+  Vector3 velocity_m_s = Vector3::Zero();    ///< of the tip, as used
+  Contact contact;                           ///< of the last usable pose
+  bool cutting = false;                      ///< the blade is in tissue and the button is held
+  double coupling_stiffness_n_m = 0.0;       ///< rendered
+  ForceFault fault = ForceFault::kNone;
+  bool pose_stale = false;  ///< no usable pose: stale or not finite
+  bool saturated = false;
+  bool slew_limited = false;
+  bool tripped = false;
+};
+
+/// A probe or a scalpel between a haptic device and the tissue.
+///
+/// The tissue gets exactly the opposite of the force that the device is asked to render, after all limits (Newton's
+/// third law): a limited, ramping or dead device never pushes the tissue harder than the hand feels.
+///
+/// A scalpel presses like a probe until its button is held. While it cuts, the blade passes through the tissue and
+/// feels a small viscous drag only; the resistance of the tissue to being cut is not modelled. After a cut it presses
+/// again once its tip has been free: until then it stays in the incision that it made.
+///
+/// Not thread safe: the caller serialises all calls. update() allocates for commands only (the id, the quads).
+class Tool {
+ public:
+  /// Throws SceneError when the configuration is not valid. Sequence numbers start at `first_sequence`; give a larger
+  /// one than before when a tool restarts while its simulation goes on, because older numbers are refused.
+  explicit Tool(const ToolConfig& config, std::uint64_t first_sequence = 1);
+
+  const ToolConfig& config() const { return config_; }
+
+  /// The volume of the session; forgets grid and patch. Must not be null or empty.
+  void setVolume(std::shared_ptr<const Volume> volume);
+  /// The grid's newest revision; the patch is kept until the next one, but a new session forgets it.
+  void setTopology(std::shared_ptr<const Topology> topology);
+  /// The cells near the tool. Throws InputError, with the state unchanged, when the patch is for another tool, does not
+  /// fit the newest topology, or came before volume and topology.
+  void setPatch(const GridPatch& patch);
+
+  ToolOutput update(const ToolInput& input);
+
+  /// Ends a trip, a contact and a stroke; forces start at zero again.
+  void reset();
+  /// Session, revision and step of the patch in use; zeros before one came.
+  const ToolCommandHeader& patchHeader() const { return header_; }
+  /// Deformed cells in use; null before a volume came.
+  const PatchContact* field() const { return field_ ? &*field_ : nullptr; }
+
+ private:
+  void forgetPatch();
+  void estimateVelocity(const ToolInput& input);
+  Vector3 wishedForce(const ToolInput& input, ToolOutput& output);
+  Vector3 cut(const ToolInput& input, ToolOutput& output);
+  void press(const ToolInput& input, Vector3& wish_n);
+  void commandForce(ToolOutput& output);
+  ToolCommandHeader nextHeader(std::uint64_t& sequence) const;
+
+  ToolConfig config_;
+  double stiffness_n_m_;
+  std::optional<PatchContact> field_;
+  std::shared_ptr<const Topology> topology_;
+  ToolCommandHeader header_;
+  Probe probe_;
+  Scalpel scalpel_;
+  ForceLimiter limiter_;
+
+  std::uint64_t force_sequence_;
+  std::uint64_t cut_sequence_;
+  Contact contact_;
+  Vector3 push_point_m_ = Vector3::Zero();  // where the tissue feels the force
+  bool pushing_ = false;                    // the tissue's last command was not zero
+  bool in_incision_ = false;
+  bool has_pose_ = false;
+  double pose_time_s_ = 0.0;
+  Vector3 position_m_ = Vector3::Zero();
+  Vector3 velocity_m_s_ = Vector3::Zero();
+};
+
+}  // namespace soft_volume::core

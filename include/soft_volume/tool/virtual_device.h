@@ -1,0 +1,87 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "soft_volume/common/geometry.h"
+#include "soft_volume/tool/force_limiter.h"
+#include "soft_volume/tool/tool.h"
+
+namespace soft_volume::core {
+
+/// Where the scripted hand wants the device, and when.
+struct WayPoint {
+  double time_s = 0.0;                    ///< since the script's start; [0, 86400], increasing from one to the next
+  Vector3 position_m = Vector3::Zero();   ///< volume frame, within the workspace
+  std::optional<Quaternion> orientation;  ///< of the tool in the volume frame; that of the way-point before by default
+  Buttons buttons;                        ///< held from this way-point's time until the next one's
+};
+
+/// A haptic device and the hand that holds it. The defaults are a Touch: apparent mass 45 g at the tip as its maker
+/// states. Its damping and the hand's stiffness and damping are assumptions, in the range that papers on grasps of a
+/// stylus report (hundreds of N/m, a few N·s/m).
+struct VirtualDeviceConfig {
+  DeviceLimits limits;
+  double mass_kg = 0.045;                        ///< apparent mass at the tip; [0.005, 5]
+  double damping_n_s_m = 0.2;                    ///< physical damping; [0, 100]
+  double hand_stiffness_n_m = 300.0;             ///< [1, mass / (1 ms)^2], beyond which a 1 ms step is not stable
+  double hand_damping_n_s_m = 5.0;               ///< [0, 100]
+  double position_resolution_m = 0.0;            ///< of the encoders, 0 for none; [0, 0.001]
+  Vector3 workspace_centre_m = Vector3::Zero();  ///< volume frame
+  std::vector<WayPoint> way_points;              ///< at least one
+
+  /// Throws SceneError with the field, or the way-point's number, and its range.
+  void validate() const;
+};
+
+/// A haptic device in software that behaves like a driver of a real one: mass and damping, a hand that pulls it along a
+/// script (minimum jerk between way-points, spring and damper between hand and device), a servo force that is saturated
+/// and held until it is replaced or 20 ms old, a workspace with hard ends. The orientation follows the script; nothing
+/// turns it. Fixed steps of 1 ms, semi-implicit (symplectic for the springs, implicit in the damping): deterministic,
+/// and no clock is read. One thread at a time.
+class VirtualDevice {
+ public:
+  static constexpr double kStep_s = 0.001;
+  static constexpr double kServoTimeout_s = 0.02;
+
+  /// Starts at rest at the first way-point. Throws SceneError when the configuration is not valid.
+  explicit VirtualDevice(const VirtualDeviceConfig& config);
+
+  /// The force that the motors shall render from now on, volume frame. Not finite is taken as zero.
+  void setServoForce(const Vector3& force_n);
+  void step();
+
+  /// Seconds simulated.
+  double time_s() const { return double(steps_) * kStep_s; }
+  /// True after the last way-point's time; the hand stays there.
+  bool scriptEnded() const { return time_s() >= config_.way_points.back().time_s; }
+  /// Tip, volume frame, as the encoders see it.
+  Pose pose() const;
+  Vector3 velocity_m_s() const { return velocity_m_s_; }
+  Buttons buttons() const;
+  /// What the motors render now: saturated, zero when timed out.
+  Vector3 renderedForce_n() const;
+  /// What the hand feels: spring and damper between hand and device, on the hand [N].
+  Vector3 handForce_n() const;
+  const VirtualDeviceConfig& config() const { return config_; }
+
+ private:
+  struct Wanted {
+    Vector3 position_m;
+    Vector3 velocity_m_s;
+    Quaternion orientation;
+  };
+  std::size_t wayPointAt(double time_s) const;
+  Wanted wantedAt(double time_s) const;
+  void stayInWorkspace();
+
+  VirtualDeviceConfig config_;
+  std::uint64_t steps_ = 0;
+  Vector3 position_m_;
+  Vector3 velocity_m_s_ = Vector3::Zero();
+  Vector3 servo_force_n_ = Vector3::Zero();
+  std::uint64_t servo_step_ = 0;
+};
+
+}  // namespace soft_volume::core

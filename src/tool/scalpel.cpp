@@ -1,0 +1,61 @@
+#include "soft_volume/tool/scalpel.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace soft_volume::core {
+namespace {
+
+constexpr double kLookDistance = 0.001;  // metres between two looks for tissue, along the edge and along the sweep
+constexpr int kMaxLooks = 32;
+
+int looks(double distance_m) {
+  return int(std::clamp(std::ceil(distance_m / kLookDistance), 1.0, double(kMaxLooks)));
+}
+
+}  // namespace
+
+bool Scalpel::edgeInTissue(const PatchContact& field, const Vector3& tip, const Vector3& heel) const {
+  const int count = looks(blade_length_m_);
+  for (int i = 0; i <= count; ++i) {
+    if (field.sample(tip + double(i) / count * (heel - tip)).tissue)
+      return true;
+  }
+  return false;
+}
+
+// A fast blade may jump over thin tissue from air to air.
+bool Scalpel::sweptTissue(const PatchContact& field, const Edge& from, const Edge& to) const {
+  const int count = looks(std::max((to.tip - from.tip).norm(), (to.heel - from.heel).norm()));
+  for (int i = 1; i < count; ++i) {
+    const double t = double(i) / count;
+    if (edgeInTissue(field, from.tip + t * (to.tip - from.tip), from.heel + t * (to.heel - from.heel)))
+      return true;
+  }
+  return false;
+}
+
+void Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<SweptQuad>& quads) {
+  Edge now;
+  now.tip = pose.position_m;
+  now.heel = pose * Vector3(0.0, 0.0, blade_length_m_);
+  now.in_tissue = edgeInTissue(field, now.tip, now.heel);
+  if (!start_) {
+    start_ = now;
+    start_in_tissue_ = now.in_tissue;
+    return;
+  }
+  start_->in_tissue = now.in_tissue;
+  if (!start_in_tissue_ && !now.in_tissue && !sweptTissue(field, *start_, now)) {
+    start_ = now;
+    return;
+  }
+  const double moved = std::max((now.tip - start_->tip).norm(), (now.heel - start_->heel).norm());
+  if (moved < min_move_m_)
+    return;
+  quads.push_back({start_->tip, start_->heel, now.heel, now.tip});
+  start_ = now;
+  start_in_tissue_ = now.in_tissue;
+}
+
+}  // namespace soft_volume::core

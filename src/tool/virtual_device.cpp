@@ -1,0 +1,139 @@
+#include "soft_volume/tool/virtual_device.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "range_check.h"
+
+namespace soft_volume::core {
+namespace {
+
+const char* const kOwner = "virtual device";
+
+void checkWayPoint(const VirtualDeviceConfig& config, std::size_t i) {
+  const std::string owner = std::string(kOwner) + ": way-point " + std::to_string(i + 1);
+  const WayPoint& point = config.way_points[i];
+  checkRange(owner + ": time_s", point.time_s, 0.0, 86400.0);
+  if (i > 0 && point.time_s <= config.way_points[i - 1].time_s) {
+    throw SceneError(owner + ": time_s must be later than that of the way-point before");
+  }
+  const double distance = (point.position_m - config.workspace_centre_m).norm();
+  checkRange(owner + ": distance of position_m from the workspace's centre in m", distance, 0.0,
+             config.limits.workspace_radius_m);
+  if (point.orientation)
+    checkRange(owner + ": norm of the orientation", point.orientation->norm(), 0.99, 1.01);
+}
+
+}  // namespace
+
+void VirtualDeviceConfig::validate() const {
+  const std::string owner = kOwner;
+  limits.validate(owner);
+  checkRange(owner + ": mass_kg", mass_kg, 0.005, 5.0);
+  checkRange(owner + ": damping_n_s_m", damping_n_s_m, 0.0, 100.0);
+  checkRange(owner + ": hand_stiffness_n_m", hand_stiffness_n_m, 1.0,
+             mass_kg / (VirtualDevice::kStep_s * VirtualDevice::kStep_s));
+  checkRange(owner + ": hand_damping_n_s_m", hand_damping_n_s_m, 0.0, 100.0);
+  checkRange(owner + ": position_resolution_m", position_resolution_m, 0.0, 0.001);
+  if (!isFinite(workspace_centre_m))
+    throw SceneError(owner + ": workspace_centre_m is not finite; give three numbers");
+  if (way_points.empty())
+    throw SceneError(owner + ": the script has no way-point; give at least one");
+  for (std::size_t i = 0; i < way_points.size(); ++i)
+    checkWayPoint(*this, i);
+}
+
+VirtualDevice::VirtualDevice(const VirtualDeviceConfig& config) : config_((config.validate(), config)) {
+  Quaternion orientation = Quaternion::Identity();
+  for (WayPoint& point : config_.way_points) {
+    orientation = point.orientation.value_or(orientation).normalized();
+    point.orientation = orientation;
+  }
+  position_m_ = config_.way_points.front().position_m;
+}
+
+void VirtualDevice::setServoForce(const Vector3& force_n) {
+  const double norm = force_n.norm();
+  servo_step_ = steps_;
+  if (!std::isfinite(norm)) {
+    servo_force_n_.setZero();
+  } else {
+    servo_force_n_ = norm > config_.limits.max_force_n ? Vector3(config_.limits.max_force_n / norm * force_n) : force_n;
+  }
+}
+
+Vector3 VirtualDevice::renderedForce_n() const {
+  const bool timed_out = double(steps_ - servo_step_) * kStep_s > kServoTimeout_s + 0.5 * kStep_s;
+  return timed_out ? Vector3(Vector3::Zero()) : servo_force_n_;
+}
+
+// The last way-point whose time has come; the first one before that.
+std::size_t VirtualDevice::wayPointAt(double time_s) const {
+  const auto& points = config_.way_points;
+  const auto next = std::upper_bound(points.begin(), points.end(), time_s,
+                                     [](double t, const WayPoint& point) { return t < point.time_s; });
+  return next == points.begin() ? 0 : std::size_t(next - points.begin()) - 1;
+}
+
+// Minimum jerk from rest to rest: s(u) = 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan, 1985).
+VirtualDevice::Wanted VirtualDevice::wantedAt(double time_s) const {
+  const std::size_t i = wayPointAt(time_s);
+  const WayPoint& from = config_.way_points[i];
+  if (i + 1 == config_.way_points.size() || time_s <= from.time_s) {
+    return {from.position_m, Vector3::Zero(), *from.orientation};
+  }
+  const WayPoint& to = config_.way_points[i + 1];
+  const double duration = to.time_s - from.time_s;
+  const double u = (time_s - from.time_s) / duration;
+  const double s = u * u * u * (10.0 + u * (6.0 * u - 15.0));
+  const double ds = 30.0 * u * u * (1.0 - u) * (1.0 - u) / duration;
+  const Vector3 way = to.position_m - from.position_m;
+  return {from.position_m + s * way, ds * way, from.orientation->slerp(s, *to.orientation)};
+}
+
+void VirtualDevice::step() {
+  const Wanted wanted = wantedAt(time_s() + kStep_s);
+  const Vector3 force = config_.hand_stiffness_n_m * (wanted.position_m - position_m_) +
+                        config_.hand_damping_n_s_m * wanted.velocity_m_s + renderedForce_n();
+  const double inverse_mass = kStep_s / config_.mass_kg;
+  const double damping = config_.damping_n_s_m + config_.hand_damping_n_s_m;
+  velocity_m_s_ = (velocity_m_s_ + inverse_mass * force) / (1.0 + inverse_mass * damping);
+  position_m_ += kStep_s * velocity_m_s_;
+  stayInWorkspace();
+  ++steps_;
+}
+
+void VirtualDevice::stayInWorkspace() {
+  const Vector3 from_centre = position_m_ - config_.workspace_centre_m;
+  const double distance = from_centre.norm();
+  if (distance <= config_.limits.workspace_radius_m)
+    return;
+  const Vector3 outward = from_centre / distance;
+  position_m_ = config_.workspace_centre_m + config_.limits.workspace_radius_m * outward;
+  velocity_m_s_ -= std::max(0.0, velocity_m_s_.dot(outward)) * outward;
+}
+
+Pose VirtualDevice::pose() const {
+  Pose pose;
+  pose.position_m = position_m_;
+  const double resolution = config_.position_resolution_m;
+  if (resolution > 0.0) {
+    for (double& x : pose.position_m)
+      x = resolution * std::round(x / resolution);
+  }
+  pose.orientation = wantedAt(time_s()).orientation;
+  return pose;
+}
+
+Buttons VirtualDevice::buttons() const {
+  const std::size_t i = wayPointAt(time_s());
+  return time_s() < config_.way_points[i].time_s ? Buttons() : config_.way_points[i].buttons;
+}
+
+Vector3 VirtualDevice::handForce_n() const {
+  const Wanted wanted = wantedAt(time_s());
+  return config_.hand_stiffness_n_m * (position_m_ - wanted.position_m) +
+         config_.hand_damping_n_s_m * (velocity_m_s_ - wanted.velocity_m_s);
+}
+
+}  // namespace soft_volume::core
