@@ -14,7 +14,7 @@
 
 extern char** environ;
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 constexpr std::size_t kComplaintsKept = 600;
@@ -207,4 +207,4 @@ void ChildProcess::end() {
   pid_ = -1;
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

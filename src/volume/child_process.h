@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// A program whose standard output we read, with a deadline. The child is ended and waited for in the destructor at the
 /// latest, so neither a running process nor a zombie stays behind. Used by one thread at a time; several objects in
@@ -45,4 +45,4 @@ class ChildProcess {
   std::string complaints_;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -5,7 +5,7 @@
 #include "soft_volume/common/error.h"
 #include "soft_volume/volume/volume_reader.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 bool endsWith(const std::string& text, const std::string& end) {
@@ -100,4 +100,4 @@ void writeMetaImage(const Volume& volume, const std::string& path) {
   }
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <type_traits>
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// What `soft_volume_read_volume MEMORY_BYTES PATH` writes to its standard output: either a VolumeReply followed by
 /// `byte_count` bytes of scalars (x fastest) and exit code 0, or kErrorMagic followed by one line of text and exit code
@@ -25,4 +25,4 @@ struct VolumeReply {
 };
 static_assert(std::is_trivially_copyable<VolumeReply>::value && sizeof(VolumeReply) == 160, "no hidden padding");
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

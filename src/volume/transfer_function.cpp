@@ -7,7 +7,7 @@
 
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 bool inUnitInterval(float x) {
@@ -66,4 +66,4 @@ void TransferFunction::validate() const {
   }
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

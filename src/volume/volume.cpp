@@ -10,7 +10,7 @@
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 /// Largest deviation of directionᵀ·direction from the identity: orientations that went through floats pass.
@@ -257,4 +257,4 @@ Volume Volume::region(const Vector3i& begin, const Vector3i& end, const Vector3i
   return Volume(part, type_, std::move(data));
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -19,7 +19,7 @@
 #include "reader_protocol.h"
 #include "soft_volume/common/error.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 namespace {
 
 constexpr const char* kReaderName = "soft_volume_read_volume";
@@ -174,4 +174,4 @@ Volume readVolume(const std::string& path, const ReadLimits& limits) try {
   throw FileError(path + ": there is not enough memory for this volume; use a smaller file");
 }
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -4,7 +4,7 @@
 
 #include "soft_volume/common/geometry.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// Maps a scalar to colour and opacity: piecewise linear between its points (emission-absorption model).
 ///
@@ -30,4 +30,4 @@ struct TransferFunction {
   void validate() const;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

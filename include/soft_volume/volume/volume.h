@@ -9,7 +9,7 @@
 
 #include "soft_volume/common/geometry.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// How one scalar is stored. Values are those of the `Volume` message.
 enum class ScalarType : std::uint8_t {
@@ -97,4 +97,4 @@ class Volume {
   std::vector<std::uint8_t> data_;
 };
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -5,7 +5,7 @@
 
 #include "soft_volume/volume/volume.h"
 
-namespace soft_volume {
+namespace soft_volume::core {
 
 /// Limits for the child process that parses a file. The defaults fit a 1024^3 int16 CT on a workstation.
 struct ReadLimits {
@@ -26,4 +26,4 @@ Volume readVolume(const std::string& path, const ReadLimits& limits = {});
 /// Writes a MetaImage: `path` ends in .mha (one file) or .mhd (header beside a .raw file). Throws FileError.
 void writeMetaImage(const Volume& volume, const std::string& path);
 
-}  // namespace soft_volume
+}  // namespace soft_volume::core

@@ -17,7 +17,7 @@
 // orientation and reads past the end of short files. So this uses the parser below it, file by file, and does the rest
 // with checks.
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 namespace {
 
 /// Slices may be this far from their even distance, as a part of it.
@@ -26,11 +26,11 @@ constexpr double kSameOrientation = 1e-4;
 
 struct Slice {
   std::string path;
-  Vector3 position_mm;  ///< LPS, centre of the first voxel
-  Vector3 row;          ///< direction in which columns count up (i)
-  Vector3 column;       ///< direction in which rows count up (j)
-  double row_spacing_mm;
-  double column_spacing_mm;
+  Vector3 position_mm;        ///< LPS, centre of the first voxel
+  Vector3 row;                ///< direction in which columns count up (i)
+  Vector3 column;             ///< direction in which rows count up (j)
+  double row_distance_mm;     ///< from one row to the next (along j)
+  double column_distance_mm;  ///< from one column to the next (along i)
   double thickness_mm;
   int width;
   int height;
@@ -105,8 +105,8 @@ Slice sliceOf(DicomFile& file, const std::string& path) {
   slice.position_mm = vectorOf(helper.GetImagePositionPatient());
   slice.row = vectorOf(helper.GetImageOrientationPatient());
   slice.column = vectorOf(helper.GetImageOrientationPatient() + 3);
-  slice.row_spacing_mm = helper.GetPixelSpacing()[0];
-  slice.column_spacing_mm = helper.GetPixelSpacing()[1];
+  slice.row_distance_mm = helper.GetPixelSpacing()[0];
+  slice.column_distance_mm = helper.GetPixelSpacing()[1];
   slice.thickness_mm = helper.GetPixelSpacing()[2];
   slice.width = helper.GetWidth();
   slice.height = helper.GetHeight();
@@ -177,7 +177,7 @@ Series scan(const std::string& folder) {
 void checkSameGrid(const Slice& slice, const Slice& first) {
   const double turned = (slice.row - first.row).norm() + (slice.column - first.column).norm();
   if (slice.width != first.width || slice.height != first.height || turned > kSameOrientation ||
-      slice.row_spacing_mm != first.row_spacing_mm || slice.column_spacing_mm != first.column_spacing_mm) {
+      slice.row_distance_mm != first.row_distance_mm || slice.column_distance_mm != first.column_distance_mm) {
     throw ReadError(nameOf(slice.path) + ": differs from " + nameOf(first.path) + " in size, spacing or orientation");
   }
 }
@@ -204,7 +204,7 @@ Vector3 sliceStep(const std::vector<Slice>& slices) {
 VolumeGeometry geometryOf(const std::vector<Slice>& slices) {
   const Slice& first = slices.front();
   Placement placement;
-  placement.steps << first.row * first.row_spacing_mm, first.column * first.column_spacing_mm, sliceStep(slices);
+  placement.steps << first.row * first.column_distance_mm, first.column * first.row_distance_mm, sliceStep(slices);
   placement.origin = first.position_mm;
   return geometryOf({first.width, first.height, int(slices.size())}, placement);
 }
@@ -275,4 +275,4 @@ Image readDicomFolder(const std::string& path, std::uint64_t limit) {
   return image;
 }
 
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader

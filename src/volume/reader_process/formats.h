@@ -4,7 +4,7 @@
 
 #include "image.h"
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 
 /// Each reads one file (or folder), refuses more than one component and more than `limit` bytes, and throws ReadError.
 Image readNifti(const std::string& path, std::uint64_t limit);
@@ -13,4 +13,4 @@ Image readMetaImage(const std::string& path, std::uint64_t limit);
 Image readVti(const std::string& path, std::uint64_t limit);
 Image readDicomFolder(const std::string& path, std::uint64_t limit);
 
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader

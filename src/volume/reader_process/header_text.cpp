@@ -7,7 +7,7 @@
 
 #include "image.h"
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 namespace {
 
 /// Longer lines are binary data, not a header.
@@ -123,4 +123,4 @@ void checkFileHolds(const std::string& path, std::uint64_t offset, std::uint64_t
   }
 }
 
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 
 /// The text header of a MetaImage or NRRD file, key to value; keys in lower case, values as written. VTK's readers drop
 /// parts of it (orientation, patient axes, units), and do not compare the size of the data file with it.
@@ -32,4 +32,4 @@ std::string beside(const std::string& path, const std::string& name);
 /// Throws ReadError when the file is missing or shorter than needed.
 void checkFileHolds(const std::string& path, std::uint64_t offset, std::uint64_t byte_count);
 
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader

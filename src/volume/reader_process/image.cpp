@@ -2,7 +2,7 @@
 
 #include <Eigen/SVD>
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 namespace {
 
 /// Files round their axes: this much is repaired, more is a shear that a regular grid cannot hold.
@@ -59,4 +59,4 @@ std::uint64_t requiredBytes(const Vector3i& dims, std::size_t bytes_per_scalar, 
   return std::uint64_t(dims.x()) * std::uint64_t(dims.y()) * std::uint64_t(dims.z()) * bytes_per_scalar;
 }
 
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader

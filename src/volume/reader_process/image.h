@@ -7,7 +7,7 @@
 
 #include "soft_volume/volume/volume.h"
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 
 /// Why a file is refused, without its path (the parent adds it).
 class ReadError : public std::runtime_error {
@@ -44,4 +44,4 @@ VolumeGeometry geometryOf(const Vector3i& dims, const Placement& placement);
 /// allocated.
 std::uint64_t requiredBytes(const Vector3i& dims, std::size_t bytes_per_scalar, std::uint64_t limit);
 
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader

@@ -19,7 +19,7 @@
 #include "header_text.h"
 #include "volume/reader_protocol.h"
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 namespace {
 
 /// Address space that this process has now: its libraries (and a sanitizer's shadow memory).
@@ -140,7 +140,7 @@ void run(int file, const std::string& path, std::uint64_t memory_bytes) try {
 }
 
 }  // namespace
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader
 
 int main(int argc, char** argv) {
   if (argc != 3) {
@@ -150,7 +150,7 @@ int main(int argc, char** argv) {
         "Parses a volume file for soft_volume's readVolume(), which starts it; not meant to be run by hand.\n");
     return 2;
   }
-  const int file = soft_volume::reader::takeStandardOutput();
-  soft_volume::reader::run(file, argv[2], std::strtoull(argv[1], nullptr, 10));
+  const int file = soft_volume::core::reader::takeStandardOutput();
+  soft_volume::core::reader::run(file, argv[2], std::strtoull(argv[1], nullptr, 10));
   std::_Exit(0);  // all is written; freeing gigabytes would only take time
 }

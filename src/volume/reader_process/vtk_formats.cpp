@@ -17,12 +17,14 @@
 #include <vtkXMLImageDataReader.h>
 
 #include <cstring>
+#include <set>
+#include <sstream>
 #include <vector>
 
 #include "formats.h"
 #include "header_text.h"
 
-namespace soft_volume::reader {
+namespace soft_volume::core::reader {
 namespace {
 
 /// Receives every error and warning of every VTK object. A VTK reader that reports one goes on and returns whatever it
@@ -97,29 +99,28 @@ Vector3i dimsOf(const int* extent) {
 /// What the header promises, known before any voxel is read.
 struct Claim {
   Vector3i dims;
-  std::uint64_t byte_count;
+  std::size_t bytes_per_scalar;
+  int components;
 };
 
-Claim claimOf(vtkImageReader2* reader, const Reports& reports, std::uint64_t limit) {
+Claim claimOf(vtkImageReader2* reader, const Reports& reports) {
   reader->UpdateInformation();
   reports.throwIfAny();
-  checkComponents(reader->GetNumberOfScalarComponents());
-  const Vector3i dims = dimsOf(reader->GetDataExtent());
-  const auto size = static_cast<std::size_t>(vtkDataArray::GetDataTypeSize(reader->GetDataScalarType()));
-  scalarTypeOf(reader->GetDataScalarType());
-  return {dims, requiredBytes(dims, size, limit)};
+  scalarTypeOf(reader->GetDataScalarType());  // refuses the types that we do not have
+  return {dimsOf(reader->GetDataExtent()),
+          static_cast<std::size_t>(vtkDataArray::GetDataTypeSize(reader->GetDataScalarType())),
+          reader->GetNumberOfScalarComponents()};
 }
 
 /// Keeps VTK's own array, no copy.
 Image imageOf(vtkDataArray* scalars, const VolumeGeometry& geometry) {
-  if (scalars == nullptr || std::size_t(scalars->GetNumberOfTuples()) != geometry.voxelCount()) {
+  if (scalars == nullptr || std::size_t(scalars->GetNumberOfValues()) != geometry.voxelCount()) {
     throw ReadError("holds no scalars, or another number of them than its header claims");
   }
-  checkComponents(scalars->GetNumberOfComponents());
   Image image;
   image.geometry = geometry;
   image.type = scalarTypeOf(scalars->GetDataType());
-  image.byte_count = std::uint64_t(scalars->GetNumberOfTuples()) * std::uint64_t(scalars->GetDataTypeSize());
+  image.byte_count = std::uint64_t(scalars->GetNumberOfValues()) * std::uint64_t(scalars->GetDataTypeSize());
   image.bytes = static_cast<const std::uint8_t*>(scalars->GetVoidPointer(0));
   image.owner = std::make_shared<vtkSmartPointer<vtkDataArray>>(scalars);
   return image;
@@ -343,11 +344,28 @@ Placement nrrdPlacement(const HeaderText& header) {
   return placement;
 }
 
-void checkNrrdData(const HeaderText& header, const std::string& path, std::uint64_t byte_count) {
-  if (header.lowerCaseValue("dimension") != "3") {
+/// VTK 9.1 guesses: it takes a first axis of less than ten for components and drops axes of one. The order of the
+/// scalars is the same, so the sizes of the header count here.
+Vector3i nrrdDims(const HeaderText& header) {
+  const Vector3 sizes = threeNumbers(header.value("sizes"), "sizes", Vector3::Zero());
+  if (header.value("dimension") != "3" || !(sizes.cwiseAbs().maxCoeff() < 1e9)) {
     throw ReadError("has " + header.value("dimension") +
                     " dimensions; only 3 are supported (extract one component or time point first)");
   }
+  return sizes.cast<int>();
+}
+
+void checkNrrdKinds(const HeaderText& header) {
+  std::istringstream kinds(header.lowerCaseValue("kinds"));
+  const std::set<std::string> places = {"domain", "space", "none", "stub", "???"};
+  for (std::string kind; kinds >> kind;) {
+    if (places.count(kind) == 0) {
+      throw ReadError("an axis is of the kind '" + kind + "'; only one component and one time point are supported");
+    }
+  }
+}
+
+void checkNrrdData(const HeaderText& header, const std::string& path, std::uint64_t byte_count) {
   const std::string file = header.has("data file") ? header.value("data file") : header.value("datafile");
   if (file.find('%') != std::string::npos || lowerCase(file).rfind("list", 0) == 0) {
     throw ReadError("keeps its data in several files; convert it to one data file first");
@@ -391,8 +409,10 @@ Image readNifti(const std::string& path, std::uint64_t limit) {
   const auto reports = startReports();
   const vtkNew<vtkNIFTIImageReader> reader;
   reader->SetFileName(path.c_str());
-  const Claim claim = claimOf(reader, *reports, limit);
+  const Claim claim = claimOf(reader, *reports);
+  checkComponents(claim.components);
   checkNiftiTimes(reader);
+  requiredBytes(claim.dims, claim.bytes_per_scalar, limit);
   const Image stored = readScalars(reader, *reports, geometryOf(claim.dims, niftiPlacement(reader)));
   return withIntensities(stored, reader->GetRescaleSlope(), reader->GetRescaleIntercept());
 }
@@ -402,19 +422,22 @@ Image readMetaImage(const std::string& path, std::uint64_t limit) {
   const auto reports = startReports();
   const vtkNew<vtkMetaImageReader> reader;
   reader->SetFileName(path.c_str());
-  const Claim claim = claimOf(reader, *reports, limit);
-  checkMetaImageData(header, path, claim.byte_count);
+  const Claim claim = claimOf(reader, *reports);
+  checkComponents(claim.components);
+  checkMetaImageData(header, path, requiredBytes(claim.dims, claim.bytes_per_scalar, limit));
   return readScalars(reader, *reports, geometryOf(claim.dims, metaImagePlacement(header)));
 }
 
 Image readNrrd(const std::string& path, std::uint64_t limit) {
   const HeaderText header = readNrrdHeader(path);
+  const Vector3i dims = nrrdDims(header);
+  checkNrrdKinds(header);
   const auto reports = startReports();
   const vtkNew<vtkNrrdReader> reader;
   reader->SetFileName(path.c_str());
-  const Claim claim = claimOf(reader, *reports, limit);
-  checkNrrdData(header, path, claim.byte_count);
-  return readScalars(reader, *reports, geometryOf(claim.dims, nrrdPlacement(header)));
+  const Claim claim = claimOf(reader, *reports);
+  checkNrrdData(header, path, requiredBytes(dims, claim.bytes_per_scalar, limit));
+  return readScalars(reader, *reports, geometryOf(dims, nrrdPlacement(header)));
 }
 
 Image readVti(const std::string& path, std::uint64_t limit) {
@@ -430,7 +453,9 @@ Image readVti(const std::string& path, std::uint64_t limit) {
   reader->Update();
   reports->throwIfAny();
   vtkImageData* image = reader->GetOutput();
-  return imageOf(vtiScalars(image), geometryOf(dims, vtiPlacement(image)));
+  vtkDataArray* scalars = vtiScalars(image);
+  checkComponents(scalars->GetNumberOfComponents());
+  return imageOf(scalars, geometryOf(dims, vtiPlacement(image)));
 }
 
-}  // namespace soft_volume::reader
+}  // namespace soft_volume::core::reader
