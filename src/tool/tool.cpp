@@ -188,7 +188,8 @@ ToolOutput Tool::update(const ToolInput& input) {
   output.fault = limiter_.fault();
   output.pose_stale = output.fault == ForceFault::kStalePose || output.fault == ForceFault::kUnusablePose;
   output.tripped = limiter_.tripped();
-  output.contact = contact_;
+  if (output.fault == ForceFault::kNone)
+    output.contact = contact_;
   output.velocity_m_s = velocity_m_s_;
   output.coupling_stiffness_n_m = stiffness_n_m_;
   commandForce(output);

@@ -62,7 +62,7 @@ struct ToolOutput {
   std::optional<ToolCutCommand> cut;         ///< to the tissue
   Vector3 device_force_n = Vector3::Zero();  ///< to the device; opposes the push
   Vector3 velocity_m_s = Vector3::Zero();    ///< of the tip, as used
-  Contact contact;                           ///< of the last usable pose
+  Contact contact;                           ///< none during a fault
   bool cutting = false;                      ///< the blade is in tissue and the button is held
   double coupling_stiffness_n_m = 0.0;       ///< rendered
   ForceFault fault = ForceFault::kNone;
