@@ -64,6 +64,7 @@ struct Scene {
   RenderSettings rendering;
   std::vector<ToolConfig> tools;
   VirtualDeviceConfig device;
+  std::uint32_t swap_button = 1;             ///< a press puts the next tool of the list into the hand
 
   const ToolConfig* findTool(const std::string& id) const;
 };

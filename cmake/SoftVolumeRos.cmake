@@ -1,0 +1,30 @@
+# The ROS part: messages, services and the catkin package. Included from the top level before any target.
+find_package(catkin REQUIRED COMPONENTS
+  diagnostic_updater geometry_msgs image_transport message_generation nodelet pluginlib rosbag_storage roscpp
+  rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools)
+
+add_message_files(DIRECTORY msg FILES
+  GridPatch.msg GridState.msg GridTopology.msg HeldForce.msg JournalEntry.msg RecorderStatus.msg RenderStats.msg
+  Scene.msg SimulationCheckpoint.msg SimulationJournal.msg SimulationStats.msg ToolCut.msg ToolForce.msg ToolGrip.msg
+  ToolState.msg Volume.msg)
+add_service_files(DIRECTORY srv FILES RestoreCheckpoint.srv SaveCheckpoint.srv StepSimulation.srv)
+generate_messages(DEPENDENCIES geometry_msgs std_msgs)
+
+catkin_package(
+  INCLUDE_DIRS include
+  LIBRARIES soft_volume_core soft_volume_render soft_volume_messages soft_volume_replay_core soft_volume_ros
+  CATKIN_DEPENDS diagnostic_updater geometry_msgs image_transport message_runtime nodelet pluginlib rosbag_storage
+                 roscpp rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools
+  DEPENDS EIGEN3)
+
+set(SOFT_VOLUME_BIN_DIR ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION})
+
+# soft_volume_ros_library(NAME): a library of ours that uses ROS.
+function(soft_volume_ros_library name)
+  soft_volume_library(${name})
+  target_include_directories(${name} SYSTEM PUBLIC ${catkin_INCLUDE_DIRS})
+  target_link_libraries(${name} PUBLIC ${catkin_LIBRARIES})
+  add_dependencies(${name} ${PROJECT_NAME}_generate_messages_cpp)
+  install(TARGETS ${name} ARCHIVE DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION}
+                          LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION})
+endfunction()

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <geometry_msgs/Point.h>
+#include <geometry_msgs/Pose.h>
+#include <geometry_msgs/Vector3.h>
+#include <soft_volume/GridPatch.h>
+#include <soft_volume/GridState.h>
+#include <soft_volume/GridTopology.h>
+#include <soft_volume/Scene.h>
+#include <soft_volume/SimulationCheckpoint.h>
+#include <soft_volume/ToolCut.h>
+#include <soft_volume/ToolForce.h>
+#include <soft_volume/Volume.h>
+
+#include <memory>
+
+#include "soft_volume/grid/lattice.h"
+#include "soft_volume/grid/patch.h"
+#include "soft_volume/grid/state_stream.h"
+#include "soft_volume/grid/topology.h"
+#include "soft_volume/scene/scene.h"
+#include "soft_volume/session/session.h"
+#include "soft_volume/tool/tool_command.h"
+#include "soft_volume/volume/volume.h"
+
+namespace soft_volume {
+
+// Conversions between the core's types and messages. `toMessage` fills everything but the header, which belongs to the
+// caller. `fromMessage` throws InputError when the message cannot be the core's type; whether its content can be used is
+// for the core to judge. All are pure and safe from any thread.
+
+geometry_msgs::Point toPoint(const core::Vector3& p);
+geometry_msgs::Vector3 toVector(const core::Vector3& v);
+geometry_msgs::Pose toPose(const core::Pose& pose);
+core::Vector3 fromPoint(const geometry_msgs::Point& p);
+core::Vector3 fromVector(const geometry_msgs::Vector3& v);
+/// The quaternion is taken as it is; core::isUsable() judges it.
+core::Pose fromPose(const geometry_msgs::Pose& pose);
+
+/// Volume and labels of a session; labels may be null.
+Volume toMessage(const core::Session& session);
+struct VolumeAndLabels {
+  std::shared_ptr<const core::Volume> volume;
+  std::shared_ptr<const core::Volume> labels;  ///< null without labels
+};
+/// Checks sizes against dims and the hash against the content before it copies.
+VolumeAndLabels fromMessage(const Volume& message);
+
+/// The resolved scene of a session.
+Scene sceneMessage(const core::Session& session);
+
+GridTopology topologyMessage(const core::Session& session);
+/// Only full topologies; a delta throws InputError.
+core::Topology fromMessage(const GridTopology& message);
+
+GridState toMessage(const core::GridStateFrame& frame);
+core::GridStateFrame fromMessage(const GridState& message);
+
+GridPatch toMessage(const core::GridPatch& patch);
+core::GridPatch fromMessage(const GridPatch& message);
+
+ToolForce toMessage(const core::ToolForceCommand& command);
+core::ToolForceCommand fromMessage(const ToolForce& message);
+
+ToolCut toMessage(const core::ToolCutCommand& command);
+core::ToolCutCommand fromMessage(const ToolCut& message);
+
+SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpoint& checkpoint);
+core::Checkpoint fromMessage(const SimulationCheckpoint& message);
+
+}  // namespace soft_volume

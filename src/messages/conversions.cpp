@@ -1,0 +1,409 @@
+#include "soft_volume/messages/conversions.h"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+#include "soft_volume/common/error.h"
+#include "soft_volume/common/hash.h"
+
+#ifndef SOFT_VOLUME_VERSION
+#error "the build defines SOFT_VOLUME_VERSION"
+#endif
+
+namespace soft_volume {
+namespace {
+
+geometry_msgs::Point32 toPoint32(const core::Vector3f& p) {
+  geometry_msgs::Point32 point;
+  point.x = p.x();
+  point.y = p.y();
+  point.z = p.z();
+  return point;
+}
+
+core::Vector3f fromPoint32(const geometry_msgs::Point32& p) { return {p.x, p.y, p.z}; }
+
+std::vector<geometry_msgs::Point32> toPoints32(const std::vector<core::Vector3f>& points) {
+  std::vector<geometry_msgs::Point32> result;
+  result.reserve(points.size());
+  for (const core::Vector3f& p : points) result.push_back(toPoint32(p));
+  return result;
+}
+
+std::vector<core::Vector3f> fromPoints32(const std::vector<geometry_msgs::Point32>& points) {
+  std::vector<core::Vector3f> result;
+  result.reserve(points.size());
+  for (const geometry_msgs::Point32& p : points) result.push_back(fromPoint32(p));
+  return result;
+}
+
+std::vector<double> flatten(const std::vector<core::Vector3>& vectors) {
+  std::vector<double> values;
+  values.reserve(3 * vectors.size());
+  for (const core::Vector3& v : vectors) values.insert(values.end(), v.data(), v.data() + 3);
+  return values;
+}
+
+std::vector<core::Vector3> unflatten(const std::vector<double>& values, const char* name) {
+  if (values.size() % 3 != 0) throw core::InputError(std::string(name) + " does not hold three numbers per entry");
+  std::vector<core::Vector3> vectors(values.size() / 3);
+  for (std::size_t n = 0; n < vectors.size(); ++n) {
+    vectors[n] = core::Vector3(values[3 * n], values[3 * n + 1], values[3 * n + 2]);
+  }
+  return vectors;
+}
+
+core::VolumeGeometry geometryOf(const Volume& message) {
+  core::VolumeGeometry geometry;
+  for (int d = 0; d < 3; ++d) {
+    if (message.dims[d] > static_cast<std::uint32_t>(std::numeric_limits<int>::max())) {
+      throw core::InputError("volume: dims are out of range");
+    }
+    geometry.dims[d] = static_cast<int>(message.dims[d]);
+    geometry.spacing_m[d] = message.spacing[d];
+    geometry.origin_m[d] = message.origin[d];
+    for (int c = 0; c < 3; ++c) geometry.direction(d, c) = message.direction[3 * d + c];
+  }
+  return geometry;
+}
+
+core::ScalarType scalarType(std::uint8_t value) {
+  const auto type = static_cast<core::ScalarType>(value);
+  core::scalarSize(type);  // throws on a value that is no type
+  return type;
+}
+
+HeldForce toMessage(const std::string& tool_id, const core::HeldForce& held) {
+  HeldForce message;
+  message.tool_id = tool_id;
+  message.force = toVector(held.force_n);
+  message.point = toPoint(held.point_m);
+  message.expires_at_step = held.expires_at_step;
+  message.vertices = held.vertices;
+  message.weights = held.weights;
+  return message;
+}
+
+core::HeldForce fromMessage(const HeldForce& message) {
+  core::HeldForce held;
+  held.force_n = fromVector(message.force);
+  held.point_m = fromPoint(message.point);
+  held.expires_at_step = message.expires_at_step;
+  held.vertices = message.vertices;
+  held.weights = message.weights;
+  return held;
+}
+
+/// Rows of N numbers as the message keeps them: one after the other.
+template <std::size_t N, typename T>
+std::vector<std::array<T, N>> rows(const std::vector<T>& values, const char* name) {
+  if (values.size() % N != 0) throw core::InputError(std::string(name) + " has an incomplete row");
+  std::vector<std::array<T, N>> result(values.size() / N);
+  for (std::size_t n = 0; n < values.size(); ++n) result[n / N][n % N] = values[n];
+  return result;
+}
+
+template <typename Message>
+core::ToolCommandHeader commandHeader(const Message& message) {
+  core::ToolCommandHeader header;
+  header.session = message.session;
+  header.revision = message.revision;
+  header.step = message.step;
+  header.tool_id = message.tool_id;
+  header.sequence = message.sequence;
+  header.apply_at_step = message.apply_at_step;
+  return header;
+}
+
+template <typename Message>
+void setCommandHeader(const core::ToolCommandHeader& header, Message& message) {
+  message.session = header.session;
+  message.revision = header.revision;
+  message.step = header.step;
+  message.tool_id = header.tool_id;
+  message.sequence = header.sequence;
+  message.apply_at_step = header.apply_at_step;
+}
+
+}  // namespace
+
+geometry_msgs::Point toPoint(const core::Vector3& p) {
+  geometry_msgs::Point point;
+  point.x = p.x();
+  point.y = p.y();
+  point.z = p.z();
+  return point;
+}
+
+geometry_msgs::Vector3 toVector(const core::Vector3& v) {
+  geometry_msgs::Vector3 vector;
+  vector.x = v.x();
+  vector.y = v.y();
+  vector.z = v.z();
+  return vector;
+}
+
+geometry_msgs::Pose toPose(const core::Pose& pose) {
+  geometry_msgs::Pose message;
+  message.position = toPoint(pose.position_m);
+  message.orientation.w = pose.orientation.w();
+  message.orientation.x = pose.orientation.x();
+  message.orientation.y = pose.orientation.y();
+  message.orientation.z = pose.orientation.z();
+  return message;
+}
+
+core::Vector3 fromPoint(const geometry_msgs::Point& p) { return {p.x, p.y, p.z}; }
+
+core::Vector3 fromVector(const geometry_msgs::Vector3& v) { return {v.x, v.y, v.z}; }
+
+core::Pose fromPose(const geometry_msgs::Pose& pose) {
+  const auto& q = pose.orientation;
+  return {fromPoint(pose.position), core::Quaternion(q.w, q.x, q.y, q.z)};
+}
+
+Volume toMessage(const core::Session& session) {
+  const core::Volume& volume = *session.volume();
+  const core::VolumeGeometry& geometry = volume.geometry();
+  Volume message;
+  message.session = session.id();
+  message.revision = session.lattice().revision;
+  message.step = session.steps();
+  for (int d = 0; d < 3; ++d) {
+    message.dims[d] = static_cast<std::uint32_t>(geometry.dims[d]);
+    message.spacing[d] = geometry.spacing_m[d];
+    message.origin[d] = geometry.origin_m[d];
+    for (int c = 0; c < 3; ++c) message.direction[3 * d + c] = geometry.direction(d, c);
+  }
+  message.scalar_type = static_cast<std::uint8_t>(volume.type());
+  message.data = volume.data();
+  if (session.labels()) {
+    message.label_type = static_cast<std::uint8_t>(session.labels()->type());
+    message.labels = session.labels()->data();
+  }
+  message.hash = session.volumeHash();
+  return message;
+}
+
+VolumeAndLabels fromMessage(const Volume& message) {
+  const core::VolumeGeometry geometry = geometryOf(message);
+  VolumeAndLabels result;
+  result.volume = std::make_shared<core::Volume>(geometry, scalarType(message.scalar_type), message.data);
+  if (result.volume->hash() != message.hash) throw core::InputError("volume: the content does not have the stated hash");
+  if (!message.labels.empty()) {
+    result.labels = std::make_shared<core::Volume>(geometry, scalarType(message.label_type), message.labels);
+  }
+  return result;
+}
+
+Scene sceneMessage(const core::Session& session) {
+  Scene message;
+  message.session = session.id();
+  message.revision = session.lattice().revision;
+  message.step = session.steps();
+  message.name = session.scene().name;
+  message.yaml = core::writeScene(session.scene());
+  message.scene_hash = session.sceneHash();
+  message.volume_hash = session.volumeHash();
+  message.label_hash = session.labels() ? session.labels()->hash() : 0;
+  message.package_version = SOFT_VOLUME_VERSION;
+  message.kernel = "scalar";
+  message.precision = "double";
+  return message;
+}
+
+GridTopology topologyMessage(const core::Session& session) {
+  const core::Topology topology = session.topology();
+  const core::Lattice& lattice = session.lattice();
+  GridTopology message;
+  message.session = topology.session;
+  message.revision = topology.revision;
+  message.step = session.steps() + 1;
+  message.base_revision = topology.revision;
+  message.vertex_count = static_cast<std::uint32_t>(topology.vertexCount());
+  message.cell_count = static_cast<std::uint32_t>(topology.cellCount());
+  message.rest_positions = toPoints32(topology.rest_positions);
+  message.texture_coordinates = toPoints32(topology.texture_coordinates);
+  message.fixed = topology.fixed;
+  message.origin_vertices = lattice.origin_vertices;
+  for (const core::CellType type : topology.cell_types) message.cell_types.push_back(static_cast<std::uint8_t>(type));
+  message.cell_offsets = topology.cell_offsets;
+  message.connectivity = topology.connectivity;
+  message.parent_cells = lattice.parent_cells;
+  message.materials = topology.materials;
+  message.face_neighbours = topology.face_neighbours;
+  message.cut_faces = topology.cut_faces;
+  return message;
+}
+
+core::Topology fromMessage(const GridTopology& message) {
+  if (message.delta) throw core::InputError("grid topology: a delta, where this version needs a full message");
+  if (message.rest_positions.size() != message.vertex_count || message.cell_types.size() != message.cell_count) {
+    throw core::InputError("grid topology: the arrays do not have vertex_count and cell_count entries");
+  }
+  core::Topology topology;
+  topology.session = message.session;
+  topology.revision = message.revision;
+  topology.rest_positions = fromPoints32(message.rest_positions);
+  topology.texture_coordinates = fromPoints32(message.texture_coordinates);
+  topology.fixed = message.fixed;
+  for (const std::uint8_t type : message.cell_types) topology.cell_types.push_back(static_cast<core::CellType>(type));
+  topology.cell_offsets = message.cell_offsets;
+  topology.connectivity = message.connectivity;
+  topology.materials = message.materials;
+  topology.face_neighbours = message.face_neighbours;
+  topology.cut_faces = message.cut_faces;
+  topology.validate();
+  return topology;
+}
+
+GridState toMessage(const core::GridStateFrame& frame) {
+  GridState message;
+  message.session = frame.session;
+  message.revision = frame.revision;
+  message.step = frame.step;
+  message.simulation_time = frame.simulation_time_s;
+  message.key_frame = static_cast<std::uint8_t>(frame.key_frame);
+  message.base_step = frame.base_step;
+  message.vertex_count = frame.vertex_count;
+  message.vertex_ids = frame.vertex_ids;
+  message.positions = toPoints32(frame.positions_m);
+  message.moved_min = toPoint32(frame.moved_m.min());
+  message.moved_max = toPoint32(frame.moved_m.max());
+  message.state_hash = frame.state_hash;
+  return message;
+}
+
+core::GridStateFrame fromMessage(const GridState& message) {
+  core::GridStateFrame frame;
+  frame.session = message.session;
+  frame.revision = message.revision;
+  frame.step = message.step;
+  frame.simulation_time_s = message.simulation_time;
+  frame.key_frame = message.key_frame != 0;
+  frame.base_step = message.base_step;
+  frame.vertex_count = message.vertex_count;
+  frame.vertex_ids = message.vertex_ids;
+  frame.positions_m = fromPoints32(message.positions);
+  frame.moved_m = Eigen::AlignedBox3f(fromPoint32(message.moved_min), fromPoint32(message.moved_max));
+  frame.state_hash = message.state_hash;
+  return frame;
+}
+
+GridPatch toMessage(const core::GridPatch& patch) {
+  GridPatch message;
+  message.session = patch.session;
+  message.revision = patch.revision;
+  message.step = patch.step;
+  message.tool_id = patch.tool_id;
+  message.vertex_ids = patch.vertex_ids;
+  message.positions = toPoints32(patch.positions);
+  message.velocities = toPoints32(patch.velocities);
+  message.cell_ids = patch.cell_ids;
+  message.stiffness = patch.stiffness_pa;
+  message.cut_resistance = patch.cut_resistance_j_m2;
+  return message;
+}
+
+core::GridPatch fromMessage(const GridPatch& message) {
+  core::GridPatch patch;
+  patch.session = message.session;
+  patch.revision = message.revision;
+  patch.step = message.step;
+  patch.tool_id = message.tool_id;
+  patch.vertex_ids = message.vertex_ids;
+  patch.positions = fromPoints32(message.positions);
+  patch.velocities = fromPoints32(message.velocities);
+  patch.cell_ids = message.cell_ids;
+  patch.stiffness_pa = message.stiffness;
+  patch.cut_resistance_j_m2 = message.cut_resistance;
+  return patch;
+}
+
+ToolForce toMessage(const core::ToolForceCommand& command) {
+  ToolForce message;
+  setCommandHeader(command.header, message);
+  message.hold_steps = command.hold_steps;
+  message.force = toVector(command.force_n);
+  message.point = toPoint(command.point_m);
+  message.footprint_radius = command.footprint_radius_m;
+  return message;
+}
+
+core::ToolForceCommand fromMessage(const ToolForce& message) {
+  core::ToolForceCommand command;
+  command.header = commandHeader(message);
+  command.hold_steps = message.hold_steps;
+  command.force_n = fromVector(message.force);
+  command.point_m = fromPoint(message.point);
+  command.footprint_radius_m = message.footprint_radius;
+  return command;
+}
+
+ToolCut toMessage(const core::ToolCutCommand& command) {
+  ToolCut message;
+  setCommandHeader(command.header, message);
+  for (const core::SweptQuad& quad : command.quads) {
+    for (const core::Vector3& p : quad) message.quads.push_back(toPoint(p));
+  }
+  return message;
+}
+
+core::ToolCutCommand fromMessage(const ToolCut& message) {
+  if (message.quads.size() % 4 != 0) throw core::InputError("a cut needs four points per quad");
+  core::ToolCutCommand command;
+  command.header = commandHeader(message);
+  command.quads.resize(message.quads.size() / 4);
+  for (std::size_t n = 0; n < message.quads.size(); ++n) command.quads[n / 4][n % 4] = fromPoint(message.quads[n]);
+  return command;
+}
+
+SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpoint& checkpoint) {
+  SimulationCheckpoint message;
+  message.session = checkpoint.session;
+  message.revision = checkpoint.revision;
+  message.step = checkpoint.state.step;
+  message.scene_hash = checkpoint.scene_hash;
+  message.volume_hash = checkpoint.volume_hash;
+  message.topology = topologyMessage(session);
+  message.rest_stretch = flatten(checkpoint.rest_stretch);
+  message.positions = flatten(checkpoint.state.positions_m);
+  message.velocities = flatten(checkpoint.state.velocities_m_s);
+  message.lifetimes = checkpoint.state.lifetimes;
+  for (const auto& force : checkpoint.state.forces) message.forces.push_back(toMessage(force.first, force.second));
+  for (const auto& sequence : checkpoint.sequences) {
+    message.sequence_tools.push_back(sequence.first);
+    message.sequences.push_back(sequence.second);
+  }
+  message.state_hash = session.simulation().stateHash();
+  return message;
+}
+
+core::Checkpoint fromMessage(const SimulationCheckpoint& message) {
+  core::Checkpoint checkpoint;
+  checkpoint.session = message.session;
+  checkpoint.revision = message.revision;
+  checkpoint.scene_hash = message.scene_hash;
+  checkpoint.volume_hash = message.volume_hash;
+  checkpoint.cells = rows<8>(message.topology.connectivity, "connectivity");
+  checkpoint.face_neighbours = rows<6>(message.topology.face_neighbours, "face_neighbours");
+  checkpoint.cut_faces = rows<6>(message.topology.cut_faces, "cut_faces");
+  checkpoint.origin_vertices = message.topology.origin_vertices;
+  checkpoint.rest_stretch = unflatten(message.rest_stretch, "rest_stretch");
+  checkpoint.state.step = message.step;
+  checkpoint.state.positions_m = unflatten(message.positions, "positions");
+  checkpoint.state.velocities_m_s = unflatten(message.velocities, "velocities");
+  checkpoint.state.lifetimes = message.lifetimes;
+  for (const HeldForce& force : message.forces) checkpoint.state.forces[force.tool_id] = fromMessage(force);
+  if (message.sequence_tools.size() != message.sequences.size()) {
+    throw core::InputError("the checkpoint's sequence numbers do not fit their tools");
+  }
+  for (std::size_t n = 0; n < message.sequences.size(); ++n) {
+    checkpoint.sequences[message.sequence_tools[n]] = message.sequences[n];
+  }
+  return checkpoint;
+}
+
+}  // namespace soft_volume

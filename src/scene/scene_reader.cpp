@@ -1,0 +1,444 @@
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "soft_volume/common/error.h"
+#include "soft_volume/scene/scene.h"
+#include "soft_volume/volume/volume_reader.h"
+#include "yaml_map.h"
+
+namespace soft_volume::core {
+namespace {
+
+constexpr double kBig = std::numeric_limits<double>::max();
+constexpr Range kFinite{-kBig, kBig};
+constexpr Range kMetres{-10.0, 10.0, "m"};
+constexpr Range kFraction{0.0, 1.0};
+constexpr Range kIndex{0.0, 65535.0};
+
+/// Replaces ${NAME} by the environment variable.
+std::string expand(YamlMap& map, const std::string& key, const std::string& text) {
+  std::string result;
+  std::size_t from = 0;
+  for (std::size_t open = text.find("${"); open != std::string::npos; open = text.find("${", from)) {
+    const std::size_t close = text.find('}', open);
+    if (close == std::string::npos) map.fail(key, "has ${ without }");
+    const std::string variable = text.substr(open + 2, close - open - 2);
+    const char* value = std::getenv(variable.c_str());
+    if (value == nullptr) {
+      map.fail(key, "needs the environment variable " + variable +
+                        (variable == "SOFT_VOLUME_CACHE" ? "; scripts/sample_data makes the sample volumes and says what "
+                                                           "to set"
+                                                         : ""));
+    }
+    result += text.substr(from, open - from) + value;
+    from = close + 1;
+  }
+  return result + text.substr(from);
+}
+
+std::string resolvePath(YamlMap& map, const std::string& key, const std::string& text, const std::string& folder) {
+  if (text.empty()) return text;
+  const std::filesystem::path path(expand(map, key, text));
+  return (path.is_absolute() ? path : std::filesystem::path(folder) / path).lexically_normal().string();
+}
+
+VolumeSource readSource(YamlMap map, const std::string& folder) {
+  VolumeSource source;
+  source.file = resolvePath(map, "file", map.text("file"), folder);
+  source.labels = resolvePath(map, "labels", map.text("labels", ""), folder);
+  source.begin = map.indices("begin", kIndex, source.begin);
+  source.end = map.indices("end", kIndex, source.end);
+  source.stride = map.indices("stride", {1.0, 64.0}, source.stride);
+  map.finish();
+  return source;
+}
+
+void readVoxels(YamlMap& map, Material& material) {
+  if (map.has("labels") == map.has("intensity")) {
+    map.fail("intensity", "or labels is needed, and only one of them, to say which voxels are this material");
+  }
+  if (map.has("labels")) {
+    for (const double label : map.numbers("labels", 0, {-2147483648.0, 2147483647.0})) {
+      material.labels.push_back(static_cast<std::int64_t>(label));
+    }
+    if (material.labels.empty()) map.fail("labels", "must name at least one label");
+    return;
+  }
+  const std::vector<double> interval = map.numbers("intensity", 2, kFinite);
+  material.intensity_min = interval[0];
+  material.intensity_max = interval[1];
+  if (interval[0] >= interval[1]) map.fail("intensity", "must be [from, to) with from < to");
+}
+
+Material readMaterial(YamlMap& map) {
+  Material material;
+  material.name = map.text("name");
+  readVoxels(map, material);
+  material.density_kg_m3 = map.number("density_kg_m3", {1.0, 30000.0, "kg/m^3"});
+  material.youngs_modulus_pa = map.number("youngs_modulus_pa", {1.0, 1e12, "Pa"});
+  material.poisson_ratio = map.number("poisson_ratio", {0.25, 0.49}, material.poisson_ratio);
+  if (material.poisson_ratio != 0.25) {
+    map.fail("poisson_ratio", "must be 0.25 in this version: that is the ratio of central-force springs");
+  }
+  material.damping_per_s = map.number("damping_per_s", {0.0, 1e5, "1/s"}, material.damping_per_s);
+  material.cut_resistance_j_m2 = map.number("cut_resistance_j_m2", {0.0, 1e6, "J/m^2"}, material.cut_resistance_j_m2);
+  material.fixed = map.flag("fixed", material.fixed);
+  material.colour = map.vector("colour", kFraction, Vector3::Ones()).cast<float>();
+  material.opacity = static_cast<float>(map.number("opacity", kFraction, material.opacity));
+  map.finish();
+  return material;
+}
+
+std::vector<Material> readMaterials(YamlMap& top) {
+  std::vector<Material> materials;
+  std::set<std::string> names;
+  for (YamlMap& map : top.maps("materials")) {
+    materials.push_back(readMaterial(map));
+    if (!names.insert(materials.back().name).second) map.fail("name", "is used by another material already");
+  }
+  if (materials.empty()) top.fail("materials", "must list at least one material");
+  if (materials.size() > 65535) top.fail("materials", "lists more than 65535 materials");
+  return materials;
+}
+
+LatticeSettings readLattice(YamlMap map) {
+  LatticeSettings lattice;
+  lattice.spacing_m = map.number("spacing_m", {0.0002, 0.1, "m"});
+  lattice.minimum_tissue_fraction = map.number("minimum_tissue_fraction", kFraction, lattice.minimum_tissue_fraction);
+  lattice.stiff_fraction = map.number("stiff_fraction", kFraction, lattice.stiff_fraction);
+  lattice.keep_largest_part = map.flag("keep_largest_part", lattice.keep_largest_part);
+  for (YamlMap& region : map.maps("fixed_regions_m")) {
+    const Box3 box(region.vector("min", kMetres), region.vector("max", kMetres));
+    if (box.isEmpty()) region.fail("min", "must not exceed max");
+    region.finish();
+    lattice.fixed_regions_m.push_back(box);
+  }
+  map.finish();
+  return lattice;
+}
+
+SimulationSettings readSimulation(YamlMap map, double& max_tool_force_n) {
+  SimulationSettings settings;
+  const std::string rule = map.choice("integrator", {"symplectic_euler", "dissertation"}, "symplectic_euler");
+  settings.integrator = rule == "dissertation" ? Integrator::kDissertation : Integrator::kSymplecticEuler;
+  settings.dt_s = map.number("dt_s", {1e-6, 0.1, "s"}, settings.dt_s);
+  settings.safe_move_fraction = map.number("safe_move_fraction", {0.01, 0.5}, settings.safe_move_fraction);
+  settings.activation_radius_m = map.number("activation_radius_m", {0.0, 10.0, "m"}, settings.activation_radius_m);
+  const double lifetime_s = map.number("lifetime_s", {0.0, 3600.0, "s"}, 3.0);
+  settings.lifetime_steps = static_cast<std::uint32_t>(std::max(1.0, std::min(4e9, std::round(lifetime_s / settings.dt_s))));
+  max_tool_force_n = map.number("max_tool_force_n", {0.001, 10000.0, "N"}, max_tool_force_n);
+  map.finish();
+  return settings;
+}
+
+SimulationOutput readOutput(YamlMap map) {
+  SimulationOutput output;
+  output.state_rate_hz = map.number("state_rate_hz", {0.1, 1000.0, "Hz"}, output.state_rate_hz);
+  output.patch_rate_hz = map.number("patch_rate_hz", {1.0, 10000.0, "Hz"}, output.patch_rate_hz);
+  output.key_frame_interval_s = map.number("key_frame_interval_s", {0.01, 60.0, "s"}, output.key_frame_interval_s);
+  output.checkpoint_interval_s = map.number("checkpoint_interval_s", {0.1, 3600.0, "s"}, output.checkpoint_interval_s);
+  map.finish();
+  return output;
+}
+
+TransferFunction::Point pointOf(double value, const Vector3f& colour, float opacity) {
+  TransferFunction::Point point;
+  point.value = value;
+  point.colour = colour;
+  point.opacity = opacity;
+  return point;
+}
+
+/// Steps at the intervals' ends: each material in its colour, nothing between them.
+std::vector<TransferFunction::Point> pointsOfMaterials(const std::vector<Material>& materials) {
+  std::vector<Material> by_intensity;
+  std::copy_if(materials.begin(), materials.end(), std::back_inserter(by_intensity),
+               [](const Material& m) { return !m.byLabel(); });
+  std::sort(by_intensity.begin(), by_intensity.end(),
+            [](const Material& a, const Material& b) { return a.intensity_min < b.intensity_min; });
+  std::vector<TransferFunction::Point> points;
+  for (const Material& m : by_intensity) {
+    const double ramp = 1e-3 * (m.intensity_max - m.intensity_min);
+    if (points.empty() || points.back().value < m.intensity_min - ramp) {
+      points.push_back(pointOf(m.intensity_min - ramp, m.colour, 0.0F));
+    }
+    points.push_back(pointOf(m.intensity_min, m.colour, m.opacity));
+    points.push_back(pointOf(m.intensity_max - ramp, m.colour, m.opacity));
+    points.push_back(pointOf(m.intensity_max - 0.5 * ramp, m.colour, 0.0F));
+  }
+  return points;
+}
+
+TransferFunction readTransferFunction(YamlMap map, const std::vector<Material>& materials) {
+  TransferFunction function;
+  function.unit_distance_m = map.number("unit_distance_m", {1e-6, 1.0, "m"}, function.unit_distance_m);
+  if (map.flag("from_materials", false)) {
+    function.points = pointsOfMaterials(materials);
+  } else {
+    for (const std::vector<double>& row : map.rows("points", 5)) {
+      const Vector3f colour = Vector3(row[1], row[2], row[3]).cast<float>();
+      function.points.push_back(pointOf(row[0], colour, static_cast<float>(row[4])));
+    }
+  }
+  try {
+    function.validate();
+  } catch (const SceneError& error) {
+    map.fail("points", std::string("cannot be used: ") + error.what());
+  }
+  map.finish();
+  return function;
+}
+
+Quaternion readOrientation(YamlMap& map, const std::string& key) {
+  const std::vector<double> q = map.numbers(key, 4, {-1.001, 1.001});
+  const Quaternion orientation(q[3], q[0], q[1], q[2]);
+  if (std::abs(orientation.norm() - 1.0) > 0.01) map.fail(key, "must be a unit quaternion [x, y, z, w]");
+  // One that is a unit already stays as it is, so that a resolved scene reads back bit for bit.
+  return std::abs(orientation.norm() - 1.0) < 1e-12 ? orientation : orientation.normalized();
+}
+
+/// A camera by where it is and what it looks at, or, as writeScene() does, by its intrinsics and pose.
+Camera readView(YamlMap& map, int width, int height) {
+  if (map.has("eye_m")) {
+    const Vector3 eye = map.vector("eye_m", kMetres);
+    const Vector3 target = map.vector("target_m", kMetres);
+    const Vector3 up = map.vector("up", kFinite);
+    const double fov_rad = map.number("vertical_fov_rad", {0.01, 3.0, "rad"}, 0.6);
+    return Camera::lookAt(eye, target, up, fov_rad, width, height);
+  }
+  Camera camera;
+  camera.width = width;
+  camera.height = height;
+  camera.fx = map.number("fx", {1e-3, 1e6, "pixels"});
+  camera.fy = map.number("fy", {1e-3, 1e6, "pixels"});
+  camera.cx = map.number("cx", {-1e6, 1e6, "pixels"});
+  camera.cy = map.number("cy", {-1e6, 1e6, "pixels"});
+  camera.T_volume_camera.position_m = map.vector("position_m", kMetres);
+  camera.T_volume_camera.orientation = readOrientation(map, "orientation_xyzw");
+  return camera;
+}
+
+CameraSettings readCamera(YamlMap& map) {
+  constexpr Range kPixels{1.0, 8192.0, "pixels"};
+  CameraSettings settings;
+  settings.name = map.text("name");
+  const auto allowed = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
+  if (settings.name.empty() || std::isdigit(static_cast<unsigned char>(settings.name[0])) != 0 ||
+      !std::all_of(settings.name.begin(), settings.name.end(), allowed)) {
+    map.fail("name", "must be a topic name: letters, digits and _, not starting with a digit");
+  }
+  const int width = static_cast<int>(map.integer("width", kPixels, 640));
+  const int height = static_cast<int>(map.integer("height", kPixels, 480));
+  try {
+    settings.camera = readView(map, width, height);
+    settings.camera.near_m = map.number("near_m", {1e-4, 10.0, "m"}, settings.camera.near_m);
+    settings.camera.far_m = map.number("far_m", {1e-3, 100.0, "m"}, settings.camera.far_m);
+    settings.camera.validate();
+  } catch (const SceneError& error) {
+    const std::string message = error.what();
+    if (message.find(": rendering.cameras") != std::string::npos) throw;
+    map.fail("name", "'" + settings.name + "' names a camera that cannot be used: " + message);
+  }
+  map.finish();
+  return settings;
+}
+
+RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials) {
+  RenderSettings rendering;
+  rendering.transfer_function = readTransferFunction(map.map("transfer_function"), materials);
+  rendering.slices = static_cast<int>(map.integer("slices", {1.0, 4096.0}, rendering.slices));
+  rendering.shading = map.number("shading", kFraction, rendering.shading);
+  rendering.depth_threshold = map.number("depth_threshold", {0.01, 0.99}, rendering.depth_threshold);
+  rendering.background = map.vector("background", kFraction, rendering.background.cast<double>()).cast<float>();
+  rendering.rate_hz = map.number("rate_hz", {0.01, 1000.0, "Hz"}, rendering.rate_hz);
+  rendering.jpeg_quality = static_cast<int>(map.integer("jpeg_quality", {1.0, 100.0}, rendering.jpeg_quality));
+  std::set<std::string> names;
+  for (YamlMap& camera : map.maps("cameras")) {
+    rendering.cameras.push_back(readCamera(camera));
+    if (!names.insert(rendering.cameras.back().name).second) camera.fail("name", "is used by another camera already");
+  }
+  map.finish();
+  return rendering;
+}
+
+/// Runs a config's own validation and gives its error the place in the file.
+template <typename Check>
+void validated(const YamlMap& map, const std::string& key, const Check& check) {
+  try {
+    check();
+  } catch (const SceneError& error) {
+    map.fail(key, std::string("cannot be used: ") + error.what());
+  }
+}
+
+void readCoupling(YamlMap& map, CouplingConfig& c) {
+  c.stiffness_n_m = map.number("stiffness_n_m", kFinite, c.stiffness_n_m);
+  c.damping_n_s_m = map.number("damping_n_s_m", kFinite, c.damping_n_s_m);
+  c.device_damping_n_s_m = map.number("device_damping_n_s_m", kFinite, c.device_damping_n_s_m);
+  c.sample_period_s = map.number("sample_period_s", kFinite, c.sample_period_s);
+  c.delay_s = map.number("delay_s", kFinite, c.delay_s);
+}
+
+void readSafety(YamlMap& map, SafetyConfig& s) {
+  s.max_growth_n_s = map.number("max_growth_n_s", kFinite, s.max_growth_n_s);
+  s.ramp_in_s = map.number("ramp_in_s", kFinite, s.ramp_in_s);
+  s.stale_after_s = map.number("stale_after_s", kFinite, s.stale_after_s);
+  s.drop_s = map.number("drop_s", kFinite, s.drop_s);
+  s.max_speed_m_s = map.number("max_speed_m_s", kFinite, s.max_speed_m_s);
+}
+
+ToolConfig readTool(YamlMap& map, const DeviceLimits& limits) {
+  ToolConfig tool;
+  tool.id = map.text("id");
+  tool.kind = map.choice("kind", {"probe", "scalpel"}, "probe") == "scalpel" ? ToolKind::kScalpel : ToolKind::kProbe;
+  tool.tissue_threshold = map.number("tissue_threshold", kFinite);
+  tool.tip_radius_m = map.number("tip_radius_m", kFinite, tool.tip_radius_m);
+  tool.footprint_radius_m = map.number("footprint_radius_m", kFinite, tool.footprint_radius_m);
+  tool.patch_radius_m = map.number("patch_radius_m", kFinite, tool.patch_radius_m);
+  tool.hold_steps = static_cast<std::uint32_t>(map.integer("hold_steps", {1.0, 10000.0}, tool.hold_steps));
+  readCoupling(map, tool.coupling);
+  readSafety(map, tool.safety);
+  tool.device = limits;
+  tool.blade_length_m = map.number("blade_length_m", kFinite, tool.blade_length_m);
+  tool.blade_min_move_m = map.number("blade_min_move_m", kFinite, tool.blade_min_move_m);
+  tool.cutting_drag_n_s_m = map.number("cutting_drag_n_s_m", kFinite, tool.cutting_drag_n_s_m);
+  tool.cut_button = static_cast<std::uint32_t>(map.integer("cut_button", {0.0, 31.0}, tool.cut_button));
+  validated(map, "id", [&tool] { tool.validate(); });
+  map.finish();
+  return tool;
+}
+
+DeviceLimits readLimits(YamlMap& device) {
+  DeviceLimits limits;
+  if (!device.has("limits")) {
+    const std::string model = device.text("model", "touch");
+    validated(device, "model", [&] { limits = deviceLimits(model); });
+    return limits;
+  }
+  YamlMap map = device.map("limits");
+  limits.max_force_n = map.number("max_force_n", kFinite);
+  limits.max_stiffness_n_m = map.number("max_stiffness_n_m", kFinite);
+  limits.max_damping_n_s_m = map.number("max_damping_n_s_m", kFinite);
+  limits.workspace_radius_m = map.number("workspace_radius_m", kFinite);
+  map.finish();
+  return limits;
+}
+
+WayPoint readWayPoint(YamlMap& map) {
+  WayPoint point;
+  point.time_s = map.number("time_s", {0.0, 86400.0, "s"});
+  point.position_m = map.vector("position_m", kMetres);
+  if (map.has("orientation_xyzw")) point.orientation = readOrientation(map, "orientation_xyzw");
+  if (map.has("buttons")) {
+    for (const double b : map.numbers("buttons", 0, {0.0, 31.0})) point.buttons.set(static_cast<std::size_t>(b));
+  }
+  map.finish();
+  return point;
+}
+
+VirtualDeviceConfig readDevice(YamlMap& map, const DeviceLimits& limits) {
+  VirtualDeviceConfig device;
+  device.limits = limits;
+  device.mass_kg = map.number("mass_kg", kFinite, device.mass_kg);
+  device.damping_n_s_m = map.number("damping_n_s_m", kFinite, device.damping_n_s_m);
+  device.hand_stiffness_n_m = map.number("hand_stiffness_n_m", kFinite, device.hand_stiffness_n_m);
+  device.hand_damping_n_s_m = map.number("hand_damping_n_s_m", kFinite, device.hand_damping_n_s_m);
+  device.position_resolution_m = map.number("position_resolution_m", kFinite, device.position_resolution_m);
+  device.workspace_centre_m = map.vector("workspace_centre_m", kMetres, device.workspace_centre_m);
+  for (YamlMap& point : map.maps("way_points")) device.way_points.push_back(readWayPoint(point));
+  if (device.way_points.empty()) {
+    WayPoint rest;
+    rest.position_m = device.workspace_centre_m;
+    device.way_points.push_back(rest);
+  }
+  validated(map, "way_points", [&device] { device.validate(); });
+  return device;
+}
+
+void readToolsAndDevice(YamlMap& top, Scene& scene) {
+  YamlMap device = top.map("device");
+  const DeviceLimits limits = readLimits(device);
+  std::set<std::string> ids;
+  for (YamlMap& tool : top.maps("tools")) {
+    scene.tools.push_back(readTool(tool, limits));
+    if (!ids.insert(scene.tools.back().id).second) tool.fail("id", "is used by another tool already");
+  }
+  scene.swap_button = static_cast<std::uint32_t>(device.integer("swap_button", {0.0, 31.0}, scene.swap_button));
+  scene.device = readDevice(device, limits);
+  device.finish();
+}
+
+void checkFootprints(const Scene& scene, const YamlMap& top) {
+  for (const ToolConfig& tool : scene.tools) {
+    if (tool.footprint_radius_m >= scene.lattice.spacing_m) continue;
+    top.fail("tools", "has the tool '" + tool.id + "' with a footprint_radius_m below lattice.spacing_m: a load on " +
+                          "one vertex depends on the lattice and not on the tissue; make it larger");
+  }
+}
+
+}  // namespace
+
+const ToolConfig* Scene::findTool(const std::string& id) const {
+  const auto found = std::find_if(tools.begin(), tools.end(), [&id](const ToolConfig& t) { return t.id == id; });
+  return found == tools.end() ? nullptr : &*found;
+}
+
+Scene parseScene(const std::string& yaml, const std::string& origin, const std::string& folder) {
+  YAML::Node root;
+  try {
+    root = YAML::Load(yaml);
+  } catch (const YAML::Exception& error) {
+    throw SceneError(origin + ":" + std::to_string(error.mark.line + 1) + ": not valid YAML: " + error.msg);
+  }
+  YamlMap top(root, "", origin);
+  top.integer("format", {1.0, 1.0});
+  Scene scene;
+  scene.name = top.text("name");
+  scene.volume = readSource(top.map("volume"), folder);
+  scene.materials = readMaterials(top);
+  scene.lattice = readLattice(top.map("lattice"));
+  scene.simulation = readSimulation(top.map("simulation"), scene.max_tool_force_n);
+  YamlMap incision = top.map("incision");
+  scene.incision.rest_fraction = incision.number("rest_fraction", {0.3, 1.0}, scene.incision.rest_fraction);
+  incision.finish();
+  scene.output = readOutput(top.map("output"));
+  scene.rendering = readRendering(top.map("rendering"), scene.materials);
+  readToolsAndDevice(top, scene);
+  top.finish();
+  checkFootprints(scene, top);
+  return scene;
+}
+
+Scene loadScene(const std::string& path) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  if (!file || !(text << file.rdbuf())) throw SceneError(path + ": the scene file cannot be read");
+  return parseScene(text.str(), path, std::filesystem::absolute(path).parent_path().string());
+}
+
+SceneVolumes readVolumes(const Scene& scene) {
+  const auto read = [&scene](const std::string& file) {
+    const Volume whole = readVolume(file);
+    const VolumeSource& source = scene.volume;
+    Vector3i end = source.end;
+    for (int d = 0; d < 3; ++d) end[d] = end[d] == 0 ? whole.geometry().dims[d] : end[d];
+    try {
+      return std::make_shared<const Volume>(whole.region(source.begin, end, source.stride));
+    } catch (const InputError& error) {
+      throw SceneError(file + ": " + error.what());
+    }
+  };
+  SceneVolumes volumes;
+  volumes.volume = read(scene.volume.file);
+  if (!scene.volume.labels.empty()) volumes.labels = read(scene.volume.labels);
+  return volumes;
+}
+
+}  // namespace soft_volume::core

@@ -1,0 +1,234 @@
+#include <yaml-cpp/yaml.h>
+
+#include <array>
+#include <charconv>
+
+#include "soft_volume/scene/scene.h"
+
+namespace soft_volume::core {
+namespace {
+
+/// The shortest text that reads back as the same double.
+std::string exact(double value) {
+  std::array<char, 32> text{};
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), value).ptr;
+  return {text.data(), end};
+}
+
+class Writer {
+ public:
+  std::string text() const { return out_.c_str(); }
+
+  void number(const char* key, double value) { out_ << YAML::Key << key << YAML::Value << exact(value); }
+  void text(const char* key, const std::string& value) {
+    out_ << YAML::Key << key << YAML::Value << YAML::DoubleQuoted << value;
+  }
+  void flag(const char* key, bool value) { out_ << YAML::Key << key << YAML::Value << value; }
+
+  template <typename Values>
+  void numbers(const char* key, const Values& values) {
+    out_ << YAML::Key << key << YAML::Value;
+    row(values);
+  }
+  template <typename Values>
+  void row(const Values& values) {
+    out_ << YAML::Flow << YAML::BeginSeq;
+    for (const auto value : values) out_ << exact(static_cast<double>(value));
+    out_ << YAML::EndSeq;
+  }
+  void vector(const char* key, const Vector3& v) { numbers(key, std::array<double, 3>{v.x(), v.y(), v.z()}); }
+  void indices(const char* key, const Vector3i& v) { vector(key, v.cast<double>()); }
+  void colour(const char* key, const Vector3f& v) { vector(key, v.cast<double>()); }
+
+  template <typename Content>
+  void map(const char* key, const Content& content) {
+    out_ << YAML::Key << key << YAML::Value;
+    item(content);
+  }
+  template <typename Content>
+  void item(const Content& content) {
+    out_ << YAML::BeginMap;
+    content();
+    out_ << YAML::EndMap;
+  }
+  template <typename Items, typename Each>
+  void list(const char* key, const Items& items, const Each& each) {
+    out_ << YAML::Key << key << YAML::Value << YAML::BeginSeq;
+    for (const auto& i : items) each(i);
+    out_ << YAML::EndSeq;
+  }
+
+ private:
+  YAML::Emitter out_;
+};
+
+std::array<double, 4> xyzw(const Quaternion& q) { return {q.x(), q.y(), q.z(), q.w()}; }
+
+void writeMaterial(Writer& out, const Material& m) {
+  out.item([&] {
+    out.text("name", m.name);
+    if (m.byLabel()) {
+      out.numbers("labels", m.labels);
+    } else {
+      out.numbers("intensity", std::array<double, 2>{m.intensity_min, m.intensity_max});
+    }
+    out.number("density_kg_m3", m.density_kg_m3);
+    out.number("youngs_modulus_pa", m.youngs_modulus_pa);
+    out.number("poisson_ratio", m.poisson_ratio);
+    out.number("damping_per_s", m.damping_per_s);
+    out.number("cut_resistance_j_m2", m.cut_resistance_j_m2);
+    out.flag("fixed", m.fixed);
+    out.colour("colour", m.colour);
+    out.number("opacity", m.opacity);
+  });
+}
+
+void writeLattice(Writer& out, const LatticeSettings& lattice) {
+  out.number("spacing_m", lattice.spacing_m);
+  out.number("minimum_tissue_fraction", lattice.minimum_tissue_fraction);
+  out.number("stiff_fraction", lattice.stiff_fraction);
+  out.flag("keep_largest_part", lattice.keep_largest_part);
+  out.list("fixed_regions_m", lattice.fixed_regions_m, [&out](const Box3& box) {
+    out.item([&] {
+      out.vector("min", box.min());
+      out.vector("max", box.max());
+    });
+  });
+}
+
+void writeSimulation(Writer& out, const Scene& scene) {
+  const SimulationSettings& s = scene.simulation;
+  out.text("integrator", s.integrator == Integrator::kDissertation ? "dissertation" : "symplectic_euler");
+  out.number("dt_s", s.dt_s);
+  out.number("safe_move_fraction", s.safe_move_fraction);
+  out.number("activation_radius_m", s.activation_radius_m);
+  out.number("lifetime_s", s.lifetime_steps * s.dt_s);
+  out.number("max_tool_force_n", scene.max_tool_force_n);
+}
+
+void writeCamera(Writer& out, const CameraSettings& settings) {
+  const Camera& c = settings.camera;
+  out.item([&] {
+    out.text("name", settings.name);
+    out.number("width", c.width);
+    out.number("height", c.height);
+    out.number("fx", c.fx);
+    out.number("fy", c.fy);
+    out.number("cx", c.cx);
+    out.number("cy", c.cy);
+    out.number("near_m", c.near_m);
+    out.number("far_m", c.far_m);
+    out.vector("position_m", c.T_volume_camera.position_m);
+    out.numbers("orientation_xyzw", xyzw(c.T_volume_camera.orientation));
+  });
+}
+
+void writeRendering(Writer& out, const RenderSettings& r) {
+  out.map("transfer_function", [&] {
+    out.number("unit_distance_m", r.transfer_function.unit_distance_m);
+    out.list("points", r.transfer_function.points, [&out](const TransferFunction::Point& p) {
+      out.row(std::array<double, 5>{p.value, p.colour.x(), p.colour.y(), p.colour.z(), p.opacity});
+    });
+  });
+  out.number("slices", r.slices);
+  out.number("shading", r.shading);
+  out.number("depth_threshold", r.depth_threshold);
+  out.colour("background", r.background);
+  out.number("rate_hz", r.rate_hz);
+  out.number("jpeg_quality", r.jpeg_quality);
+  out.list("cameras", r.cameras, [&out](const CameraSettings& c) { writeCamera(out, c); });
+}
+
+void writeTool(Writer& out, const ToolConfig& t) {
+  out.item([&] {
+    out.text("id", t.id);
+    out.text("kind", t.kind == ToolKind::kScalpel ? "scalpel" : "probe");
+    out.number("tissue_threshold", t.tissue_threshold);
+    out.number("tip_radius_m", t.tip_radius_m);
+    out.number("footprint_radius_m", t.footprint_radius_m);
+    out.number("patch_radius_m", t.patch_radius_m);
+    out.number("hold_steps", t.hold_steps);
+    out.number("stiffness_n_m", t.coupling.stiffness_n_m);
+    out.number("damping_n_s_m", t.coupling.damping_n_s_m);
+    out.number("device_damping_n_s_m", t.coupling.device_damping_n_s_m);
+    out.number("sample_period_s", t.coupling.sample_period_s);
+    out.number("delay_s", t.coupling.delay_s);
+    out.number("max_growth_n_s", t.safety.max_growth_n_s);
+    out.number("ramp_in_s", t.safety.ramp_in_s);
+    out.number("stale_after_s", t.safety.stale_after_s);
+    out.number("drop_s", t.safety.drop_s);
+    out.number("max_speed_m_s", t.safety.max_speed_m_s);
+    out.number("blade_length_m", t.blade_length_m);
+    out.number("blade_min_move_m", t.blade_min_move_m);
+    out.number("cutting_drag_n_s_m", t.cutting_drag_n_s_m);
+    out.number("cut_button", t.cut_button);
+  });
+}
+
+std::vector<int> pressed(const Buttons& buttons) {
+  std::vector<int> numbers;
+  for (std::size_t b = 0; b < buttons.size(); ++b) {
+    if (buttons[b]) numbers.push_back(static_cast<int>(b));
+  }
+  return numbers;
+}
+
+void writeWayPoint(Writer& out, const WayPoint& p) {
+  out.item([&] {
+    out.number("time_s", p.time_s);
+    out.vector("position_m", p.position_m);
+    if (p.orientation) out.numbers("orientation_xyzw", xyzw(*p.orientation));
+    out.numbers("buttons", pressed(p.buttons));
+  });
+}
+
+void writeDevice(Writer& out, const Scene& scene) {
+  const VirtualDeviceConfig& d = scene.device;
+  out.map("limits", [&] {
+    out.number("max_force_n", d.limits.max_force_n);
+    out.number("max_stiffness_n_m", d.limits.max_stiffness_n_m);
+    out.number("max_damping_n_s_m", d.limits.max_damping_n_s_m);
+    out.number("workspace_radius_m", d.limits.workspace_radius_m);
+  });
+  out.number("mass_kg", d.mass_kg);
+  out.number("damping_n_s_m", d.damping_n_s_m);
+  out.number("hand_stiffness_n_m", d.hand_stiffness_n_m);
+  out.number("hand_damping_n_s_m", d.hand_damping_n_s_m);
+  out.number("position_resolution_m", d.position_resolution_m);
+  out.vector("workspace_centre_m", d.workspace_centre_m);
+  out.number("swap_button", scene.swap_button);
+  out.list("way_points", d.way_points, [&out](const WayPoint& p) { writeWayPoint(out, p); });
+}
+
+}  // namespace
+
+std::string writeScene(const Scene& scene) {
+  Writer out;
+  out.item([&] {
+    out.number("format", 1);
+    out.text("name", scene.name);
+    out.map("volume", [&] {
+      out.text("file", scene.volume.file);
+      out.text("labels", scene.volume.labels);
+      out.indices("begin", scene.volume.begin);
+      out.indices("end", scene.volume.end);
+      out.indices("stride", scene.volume.stride);
+    });
+    out.list("materials", scene.materials, [&out](const Material& m) { writeMaterial(out, m); });
+    out.map("lattice", [&] { writeLattice(out, scene.lattice); });
+    out.map("simulation", [&] { writeSimulation(out, scene); });
+    out.map("incision", [&] { out.number("rest_fraction", scene.incision.rest_fraction); });
+    out.map("output", [&] {
+      out.number("state_rate_hz", scene.output.state_rate_hz);
+      out.number("patch_rate_hz", scene.output.patch_rate_hz);
+      out.number("key_frame_interval_s", scene.output.key_frame_interval_s);
+      out.number("checkpoint_interval_s", scene.output.checkpoint_interval_s);
+    });
+    out.map("rendering", [&] { writeRendering(out, scene.rendering); });
+    out.list("tools", scene.tools, [&out](const ToolConfig& t) { writeTool(out, t); });
+    out.map("device", [&] { writeDevice(out, scene); });
+  });
+  return out.text();
+}
+
+}  // namespace soft_volume::core
