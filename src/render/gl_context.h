@@ -60,6 +60,7 @@ namespace soft_volume::core {
   X(UNIFORM1F, Uniform1f)                             \
   X(UNIFORM1I, Uniform1i)                             \
   X(UNIFORM2F, Uniform2f)                             \
+  X(UNIFORM3F, Uniform3f)                             \
   X(UNIFORM4F, Uniform4f)                             \
   X(USEPROGRAM, UseProgram)                           \
   X(VERTEXATTRIBPOINTER, VertexAttribPointer)         \

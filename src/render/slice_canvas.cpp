@@ -12,45 +12,58 @@ namespace soft_volume::core {
 namespace {
 
 /// Texture units.
-enum : GLint { kVolumeUnit, kTableUnit, kAccumulatedUnit };
-/// How far towards the light the second sample of a fragment lies.
-constexpr double kLightStepVoxels = 2.0;
-/// A fall of the value by the transfer function's whole range over this counts as a surface that faces the light.
-constexpr double kEdgesPerTable = 3.5;
+enum : GLint { kVolumeUnit, kTableUnit, kIntegralUnit, kAccumulatedUnit };
+/// Distance of the samples that the gradient is taken from.
+constexpr double kNormalStepVoxels = 1.0;
+/// A change of the value by the transfer function's range over this, within that distance, is a surface.
+constexpr double kEdgesPerRange = 20.0;
 /// Clear value of the depth target; a pixel that keeps it was not hit.
 constexpr float kFar = std::numeric_limits<float>::max();
 
 const char* const kVertexShader = R"(#version 450 core
 layout(location = 0) in vec2 pixel;
 layout(location = 1) in vec3 texture_in;
-layout(location = 2) in vec3 light_in;
+layout(location = 2) in vec3 view_in;
+layout(location = 3) in vec3 right_in;
+layout(location = 4) in vec3 down_in;
 uniform vec2 image_size;
 out vec3 texture_coordinate;
-out vec3 light;
+out vec3 view;
+out vec3 right;
+out vec3 down;
 void main() {
   texture_coordinate = texture_in;
-  light = light_in;
+  view = view_in;
+  right = right_in;
+  down = down_in;
   // Pixel centres are whole numbers in the image and halves in OpenGL. The top row is drawn, and read, first.
   gl_Position = vec4((pixel + 0.5) / image_size * 2.0 - 1.0, 0.0, 1.0);
 }
 )";
 
 /// Compiled twice, behind a version line and, for depth, "#define DEPTH".
+///
+/// A slice stands for the slab around it. Its scalar is taken as linear between the values where the ray enters and
+/// leaves the slab, so that narrow peaks of the transfer function and the edges of tissue are not stepped over.
 const char* const kFragmentShader = R"(
 in vec3 texture_coordinate;
-in vec3 light;
+in vec3 view;
+in vec3 right;
+in vec3 down;
 layout(binding = 0) uniform sampler3D volume;
 layout(binding = 1) uniform sampler1D table;
+layout(binding = 2) uniform sampler1D integrals;
 uniform float value_scale;
 uniform vec2 table_map;        // first value, entries per value
 uniform vec4 pinhole;          // cx, cy, 1 / fx, 1 / fy
 uniform float slice_distance;
-uniform float light_step;
+uniform float normal_step;
 uniform float shading;
+uniform vec3 light;             // towards it, camera frame, unit length
 uniform float edge_scale;      // 1 / the value difference that counts as a full edge
 layout(location = 0) out vec4 colour;
 #ifdef DEPTH
-layout(binding = 2) uniform sampler2D accumulated;
+layout(binding = 3) uniform sampler2D accumulated;
 uniform float slice_z;
 uniform float threshold;
 layout(location = 1) out float depth;
@@ -58,27 +71,55 @@ layout(location = 1) out float depth;
 
 float valueAt(vec3 position) { return texture(volume, position).r * value_scale; }
 
-vec4 classify(float value) {
-  float entry = (value - table_map.x) * table_map.y + 0.5;
-  return texelFetch(table, int(clamp(entry, 0.0, float(textureSize(table, 0) - 1))), 0);
+float entryOf(float value) {
+  return clamp((value - table_map.x) * table_map.y, 0.0, float(textureSize(table, 0) - 1));
 }
 
-float brightness(float value) {
-  float fall = clamp((value - valueAt(texture_coordinate + light_step * light)) * edge_scale, 0.0, 1.0);
-  return mix(1.0, 0.3 + 0.85 * fall, shading);
+vec4 integralAt(float entry) { return texture(integrals, (entry + 0.5) / float(textureSize(integrals, 0))); }
+
+// Mean colour and absorption while the scalar goes from one value to the other.
+vec4 classify(float from, float to) {
+  float first = entryOf(from);
+  float last = entryOf(to);
+  if (abs(last - first) < 4.0) return texelFetch(table, int(0.5 * (first + last) + 0.5), 0);
+  vec4 mean = (integralAt(last) - integralAt(first)) / (last - first);
+  return mean.a > 0.0 ? vec4(mean.rgb / mean.a, mean.a) : vec4(0.0);
+}
+
+// Gradient of the scalar in the camera frame: along the ray from the slab's two values, across it from three samples
+// around its middle, as far apart.
+vec3 gradientAt(float front, float back, vec2 slope) {
+  vec3 aside = -0.5 * normal_step * right;
+  vec3 below = 0.8660254 * normal_step * down;
+  float first = valueAt(texture_coordinate + normal_step * right);
+  float second = valueAt(texture_coordinate + aside + below);
+  float third = valueAt(texture_coordinate + aside - below);
+  vec2 across = vec2(first - 0.5 * (second + third), 0.8660254 * (second - third)) / (1.5 * normal_step);
+  return vec3(across, (back - front) / slice_distance - dot(slope, across));
+}
+
+// Diffuse light on the surface that the gradient makes, from either side; where the gradient is weak there is no
+// surface, only a mean brightness.
+float brightness(vec3 gradient) {
+  float strength = length(gradient);
+  if (!(strength > 0.0)) return mix(1.0, 0.7, shading);
+  float diffuse = abs(dot(gradient, light)) / strength;
+  return mix(1.0, mix(0.7, 0.2 + 0.9 * diffuse, min(1.0, strength * normal_step * edge_scale)), shading);
 }
 
 void main() {
-  float value = valueAt(texture_coordinate);
-  if (isnan(value)) discard;
-  vec4 material = classify(value);
+  vec3 half_way = 0.5 * slice_distance * view;
+  float front = valueAt(texture_coordinate - half_way);
+  float back = valueAt(texture_coordinate + half_way);
+  if (isnan(front + back)) discard;
+  vec4 material = classify(front, back);
   if (material.a <= 0.0) discard;
   vec2 slope = (gl_FragCoord.xy - 0.5 - pinhole.xy) * pinhole.zw;
   float way = slice_distance * sqrt(1.0 + dot(slope, slope));
   float opacity = 1.0 - exp2(-material.a * way);
   vec3 lit = material.rgb;
-  if (shading > 0.0) lit = min(lit * brightness(value), 1.0);
-  colour = vec4(lit * opacity, opacity);
+  if (shading > 0.0) lit *= brightness(gradientAt(front, back, slope));
+  colour = vec4(min(lit, 1.0) * opacity, opacity);
 #ifdef DEPTH
   float before = texelFetch(accumulated, ivec2(gl_FragCoord.xy), 0).a;
   float after = before + (1.0 - before) * opacity;
@@ -158,6 +199,7 @@ SliceCanvas::SliceCanvas() {
   depth_program_ = std::make_unique<Program>(gl, "#version 450 core\n#define DEPTH\n");
   volume_texture_ = makeTexture(gl, GL_TEXTURE_3D, GL_LINEAR);
   table_texture_ = makeTexture(gl, GL_TEXTURE_1D, GL_NEAREST);
+  integral_texture_ = makeTexture(gl, GL_TEXTURE_1D, GL_LINEAR);
   colour_target_ = makeTexture(gl, GL_TEXTURE_2D, GL_NEAREST);
   depth_target_ = makeTexture(gl, GL_TEXTURE_2D, GL_NEAREST);
   gl.GenFramebuffers(1, &framebuffer_);
@@ -171,7 +213,7 @@ SliceCanvas::~SliceCanvas() {
   const GlFunctions& gl = context_.gl();
   gl.DeleteProgram(colour_program_->id);
   gl.DeleteProgram(depth_program_->id);
-  for (const GLuint texture : {volume_texture_, table_texture_, colour_target_, depth_target_}) {
+  for (const GLuint texture : {volume_texture_, table_texture_, integral_texture_, colour_target_, depth_target_}) {
     gl.DeleteTextures(1, &texture);
   }
   gl.DeleteFramebuffers(1, &framebuffer_);
@@ -203,14 +245,18 @@ void SliceCanvas::setVolume(const Volume& volume) {
   gl.DeleteTextures(1, &volume_texture_);
   volume_texture_ = texture;
   value_scale_ = texels.scale();
-  light_step_m_ = kLightStepVoxels * meanSpacing(volume.geometry());
+  normal_step_m_ = kNormalStepVoxels * meanSpacing(volume.geometry());
 }
 
 void SliceCanvas::setTable(const TransferTable& table) {
   const GlContext::Current current(context_);
   const GlFunctions& gl = context_.gl();
-  gl.BindTexture(GL_TEXTURE_1D, table_texture_);
-  gl.TexImage1D(GL_TEXTURE_1D, 0, GL_RGBA32F, TransferTable::kSize, 0, GL_RGBA, GL_FLOAT, table.entries().data());
+  const auto fill = [&](GLuint texture, const std::vector<TransferTable::Entry>& entries) {
+    gl.BindTexture(GL_TEXTURE_1D, texture);
+    gl.TexImage1D(GL_TEXTURE_1D, 0, GL_RGBA32F, TransferTable::kSize, 0, GL_RGBA, GL_FLOAT, entries.data());
+  };
+  fill(table_texture_, table.entries());
+  fill(integral_texture_, table.integrals());
   table_first_ = table.firstValue();
   table_scale_ = table.entriesPerValue();
 }
@@ -243,7 +289,9 @@ void SliceCanvas::upload(const SliceMesh& mesh) {
                 GL_STREAM_DRAW);
   pointTo(0, 2, offsetof(SliceVertex, u));
   pointTo(1, 3, offsetof(SliceVertex, texture));
-  pointTo(2, 3, offsetof(SliceVertex, light));
+  pointTo(2, 3, offsetof(SliceVertex, view));
+  pointTo(3, 3, offsetof(SliceVertex, right));
+  pointTo(4, 3, offsetof(SliceVertex, down));
   gl.BindBuffer(GL_ELEMENT_ARRAY_BUFFER, index_buffer_);
   gl.BufferData(GL_ELEMENT_ARRAY_BUFFER, GLsizeiptr(mesh.indices.size() * sizeof(std::uint32_t)), mesh.indices.data(),
                 GL_STREAM_DRAW);
@@ -258,9 +306,11 @@ void SliceCanvas::setUniforms(const Program& program, const Camera& camera, doub
   gl.Uniform1f(program["value_scale"], float(value_scale_));
   gl.Uniform2f(program["table_map"], float(table_first_), float(table_scale_));
   gl.Uniform1f(program["slice_distance"], float(slice_distance_m));
-  gl.Uniform1f(program["light_step"], float(light_step_m_));
+  gl.Uniform1f(program["normal_step"], float(normal_step_m_));
   gl.Uniform1f(program["shading"], float(options.shading));
-  gl.Uniform1f(program["edge_scale"], float(kEdgesPerTable * table_scale_ / TransferTable::kSize));
+  gl.Uniform1f(program["edge_scale"], float(kEdgesPerRange * table_scale_ / TransferTable::kSize));
+  const Vector3f light = Vector3f(-0.4F, -0.6F, -1.0F).normalized();
+  gl.Uniform3f(program["light"], light.x(), light.y(), light.z());
   gl.Uniform1f(program["threshold"], float(options.depth_threshold));
 }
 
@@ -270,6 +320,8 @@ void SliceCanvas::bindTextures() {
   gl.BindTexture(GL_TEXTURE_3D, volume_texture_);
   gl.ActiveTexture(GL_TEXTURE0 + kTableUnit);
   gl.BindTexture(GL_TEXTURE_1D, table_texture_);
+  gl.ActiveTexture(GL_TEXTURE0 + kIntegralUnit);
+  gl.BindTexture(GL_TEXTURE_1D, integral_texture_);
   gl.ActiveTexture(GL_TEXTURE0 + kAccumulatedUnit);
   gl.BindTexture(GL_TEXTURE_2D, colour_target_);
 }
@@ -329,8 +381,8 @@ Frame SliceCanvas::draw(const Camera& camera, const SliceMesh& mesh, double slic
                         const RenderOptions& options) {
   const GlContext::Current current(context_);
   const Program& program = options.depth ? *depth_program_ : *colour_program_;
-  bindTextures();
   resize(camera.width, camera.height);
+  bindTextures();
   upload(mesh);
   setUniforms(program, camera, slice_distance_m, options);
   prepareTargets(options.depth);
@@ -344,6 +396,12 @@ Frame SliceCanvas::draw(const Camera& camera, const SliceMesh& mesh, double slic
   if (context_.gl().GetError() != GL_NO_ERROR)
     throw Error("OpenGL reported an error while a frame was drawn");
   return frame;
+}
+
+std::string SliceCanvas::driver() {
+  const GlContext::Current current(context_);
+  const auto text = [this](GLenum name) { return reinterpret_cast<const char*>(context_.gl().GetString(name)); };
+  return std::string(text(GL_RENDERER)) + ", " + text(GL_VERSION);
 }
 
 }  // namespace soft_volume::core

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <string>
 #include <vector>
 
 #include "gl_context.h"
@@ -26,6 +27,7 @@ class SliceCanvas {
 
   /// Draws the slices and reads the frame back.
   Frame draw(const Camera& camera, const SliceMesh& mesh, double slice_distance_m, const RenderOptions& options);
+  std::string driver();
 
  private:
   struct Program;
@@ -42,6 +44,7 @@ class SliceCanvas {
   std::unique_ptr<Program> depth_program_;
   GLuint volume_texture_ = 0;
   GLuint table_texture_ = 0;
+  GLuint integral_texture_ = 0;
   GLuint colour_target_ = 0;
   GLuint depth_target_ = 0;
   GLuint framebuffer_ = 0;
@@ -50,8 +53,8 @@ class SliceCanvas {
   GLuint index_buffer_ = 0;
   int width_ = 0;
   int height_ = 0;
-  double value_scale_ = 1.0;   ///< texel to scalar
-  double light_step_m_ = 0.0;  ///< how far towards the light the second sample lies
+  double value_scale_ = 1.0;    ///< texel to scalar
+  double normal_step_m_ = 0.0;  ///< how far towards the light the second sample lies
   double table_first_ = 0.0;
   double table_scale_ = 1.0;
 };

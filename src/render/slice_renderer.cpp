@@ -17,11 +17,6 @@ namespace {
 /// A grid that was pulled deeper gets at most this many times the asked planes.
 constexpr int kMaxSliceFactor = 4;
 
-/// Towards the light in the optical frame: from the viewer, and above.
-Vector3f lightDirection() {
-  return Vector3f(0.0F, -0.5F, -1.0F).normalized();
-}
-
 std::vector<std::array<Vector3f, 2>> textureBoxes(const Topology& topology) {
   std::vector<std::array<Vector3f, 2>> boxes;
   boxes.reserve(topology.cellCount());
@@ -75,8 +70,9 @@ class SliceRenderer::Impl {
   }
 
   void setTransferFunction(const TransferFunction& function) {
-    table_.emplace(function);
-    canvas_.setTable(*table_);
+    TransferTable table(function);
+    canvas_.setTable(table);
+    table_ = std::move(table);
     updateSkipped();
   }
 
@@ -93,9 +89,11 @@ class SliceRenderer::Impl {
     options.validate();
     requireScene();
     const SlicePlanes planes = choosePlanes(camera, positions, options.slices);
-    const Vector3f light = options.shading > 0.0 ? lightDirection() : Vector3f::Zero();
-    return canvas_.draw(camera, slicer_.slice(camera, planes, skipped_, light), planes.distance_m, options);
+    const SliceMesh& mesh = slicer_.slice(camera, planes, skipped_);
+    return canvas_.draw(camera, mesh, planes.distance_m, options);
   }
+
+  std::string driver() { return canvas_.driver(); }
 
  private:
   void requireScene() const {
@@ -129,12 +127,21 @@ class SliceRenderer::Impl {
     updateSkipped();
   }
 
+  /// A slab reaches beyond its cell, so a transparent cell next to one with opacity is drawn too.
   void updateSkipped() {
     if (!table_)
       return;
+    std::vector<std::uint8_t> visible(slicer_.vertexCount(), 0);
+    for (std::size_t cell = 0; cell < ranges_.size(); ++cell) {
+      if (table_->isTransparent(ranges_[cell][0], ranges_[cell][1]))
+        continue;
+      for (const std::uint32_t corner : slicer_.corners(cell))
+        visible[corner] = 1;
+    }
     skipped_.resize(ranges_.size());
     for (std::size_t cell = 0; cell < ranges_.size(); ++cell) {
-      skipped_[cell] = table_->isTransparent(ranges_[cell][0], ranges_[cell][1]) ? 1 : 0;
+      const auto& corners = slicer_.corners(cell);
+      skipped_[cell] = std::none_of(corners.begin(), corners.end(), [&](auto corner) { return visible[corner] != 0; });
     }
   }
 
@@ -162,6 +169,9 @@ void SliceRenderer::setTopology(const Topology& topology) {
 Frame SliceRenderer::render(const Camera& camera, const std::vector<Vector3f>& positions,
                             const RenderOptions& options) {
   return impl_->render(camera, positions, options);
+}
+std::string SliceRenderer::driver() const {
+  return impl_->driver();
 }
 
 }  // namespace soft_volume::core

@@ -30,16 +30,17 @@ Eigen::Matrix3f edgeSums(const std::array<std::uint32_t, 8>& corners, const std:
   return sums;
 }
 
-/// The texture-space image of a direction in the cell, per metre. False for cells too flat or inside out.
-bool mapDirection(const Eigen::Matrix3f& edges, const Eigen::Matrix3f& texture, const Vector3f& direction,
-                  Vector3f& mapped) {
-  const Vector3f bc = edges.col(1).cross(edges.col(2));
-  const float determinant = edges.col(0).dot(bc);
+/// The matrix that takes directions in the deformed cell to texture coordinates. False for cells too flat or inside
+/// out.
+bool directionMap(const Eigen::Matrix3f& edges, const Eigen::Matrix3f& texture, Eigen::Matrix3f& map) {
+  Eigen::Matrix3f adjugate;
+  adjugate.row(0) = edges.col(1).cross(edges.col(2));
+  adjugate.row(1) = edges.col(2).cross(edges.col(0));
+  adjugate.row(2) = edges.col(0).cross(edges.col(1));
+  const float determinant = adjugate.row(0).dot(edges.col(0));
   if (!(determinant > kMinFlatness * edges.col(0).norm() * edges.col(1).norm() * edges.col(2).norm()))
     return false;
-  const Vector3f ca = edges.col(2).cross(edges.col(0));
-  const Vector3f ab = edges.col(0).cross(edges.col(1));
-  mapped = texture * Vector3f(bc.dot(direction), ca.dot(direction), ab.dot(direction)) / determinant;
+  map = texture * adjugate / determinant;
   return true;
 }
 
@@ -93,22 +94,26 @@ std::array<double, 2> Slicer::depthRange(const Camera& camera) const {
   return {std::max(double(low), camera.near_m), std::min(double(high), camera.far_m)};
 }
 
-void Slicer::computeLights(const Vector3f& light_camera) {
-  lights_.assign(vertexCount(), Vector3f::Zero());
-  if (light_camera.isZero())
-    return;
-  light_cells_.assign(vertexCount(), 0);
+void Slicer::computeDirections(const Camera& camera) {
+  to_texture_.assign(vertexCount(), Eigen::Matrix3f::Zero());
+  usable_cells_.assign(vertexCount(), 0);
   for (const Corners& corners : cells_) {
-    Vector3f light;
-    if (!mapDirection(edgeSums(corners, positions_), edgeSums(corners, texture_), light_camera, light))
+    Eigen::Matrix3f map;
+    if (!directionMap(edgeSums(corners, positions_), edgeSums(corners, texture_), map))
       continue;
     for (const std::uint32_t corner : corners) {
-      lights_[corner] += light;
-      ++light_cells_[corner];
+      to_texture_[corner] += map;
+      ++usable_cells_[corner];
     }
   }
-  for (std::size_t i = 0; i < lights_.size(); ++i)
-    lights_[i] /= float(std::max(1U, light_cells_[i]));
+  for (std::size_t i = 0; i < vertexCount(); ++i) {
+    const Eigen::Matrix3f map = to_texture_[i] / float(std::max(1U, usable_cells_[i]));
+    const Vector3f& p = positions_[i];
+    const float z_m = std::max(p.z(), float(camera.near_m));
+    to_texture_[i].col(0) = map * Vector3f(p.x() / z_m, p.y() / z_m, 1.0F);
+    to_texture_[i].col(1) = map.col(0);
+    to_texture_[i].col(2) = map.col(1);
+  }
 }
 
 /// A counting sort: cells are counted per plane, then written behind their predecessors.
@@ -151,11 +156,14 @@ SliceVertex Slicer::cutEdge(const Camera& camera, std::uint32_t a, std::uint32_t
   const float t = (z_m - from.z()) / (to.z() - from.z());
   const Vector3f p = from + t * (to - from);
   const Vector3f texture = texture_[a] + t * (texture_[b] - texture_[a]);
-  const Vector3f light = lights_[a] + t * (lights_[b] - lights_[a]);
+  const Eigen::Matrix3f steps = to_texture_[a] + t * (to_texture_[b] - to_texture_[a]);
+  const auto toArray = [](const Vector3f& v) -> std::array<float, 3> { return {v.x(), v.y(), v.z()}; };
   return {float(camera.fx) * p.x() / z_m + float(camera.cx),
           float(camera.fy) * p.y() / z_m + float(camera.cy),
-          {texture.x(), texture.y(), texture.z()},
-          {light.x(), light.y(), light.z()}};
+          toArray(texture),
+          toArray(steps.col(0)),
+          toArray(steps.col(1)),
+          toArray(steps.col(2))};
 }
 
 void Slicer::cutCell(const Camera& camera, const Corners& corners, float z_m) {
@@ -176,9 +184,8 @@ void Slicer::cutCell(const Camera& camera, const Corners& corners, float z_m) {
   }
 }
 
-const SliceMesh& Slicer::slice(const Camera& camera, const SlicePlanes& planes, const std::vector<std::uint8_t>& skip,
-                               const Vector3f& light_camera) {
-  computeLights(light_camera);
+const SliceMesh& Slicer::slice(const Camera& camera, const SlicePlanes& planes, const std::vector<std::uint8_t>& skip) {
+  computeDirections(camera);
   fillBuckets(planes, skip);
   active_.clear();
   mesh_.vertices.clear();

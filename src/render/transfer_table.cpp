@@ -6,8 +6,9 @@
 namespace soft_volume::core {
 namespace {
 
-/// Opacity 1 would absorb without end; this much is opaque for any slab thicker than a hundredth of the unit distance.
-constexpr double kMinTransparency = 1e-38;
+/// Opacity 1 would absorb without end; this lets 6 % through a tenth of the unit distance, and leaves the integrals
+/// precise.
+constexpr double kMinTransparency = 1e-12;
 
 TransferTable::Entry makeEntry(const TransferFunction& function, double value) {
   const TransferFunction::Sample sample = function.evaluate(value);
@@ -27,6 +28,21 @@ TransferTable::TransferTable(const TransferFunction& function) {
   for (int i = 0; i < kSize; ++i) {
     entries_.push_back(makeEntry(function, first_value_ + i / entries_per_value_));
     opaque_before_.push_back(opaque_before_.back() + std::uint32_t(entries_.back()[3] > 0.0F));
+  }
+  integrate();
+}
+
+void TransferTable::integrate() {
+  std::array<double, 4> sum{};
+  integrals_.assign(1, Entry{});
+  for (std::size_t i = 1; i < entries_.size(); ++i) {
+    const Entry& a = entries_[i - 1];
+    const Entry& b = entries_[i];
+    for (std::size_t channel = 0; channel < 3; ++channel) {
+      sum[channel] += 0.5 * (double(a[channel]) * a[3] + double(b[channel]) * b[3]);
+    }
+    sum[3] += 0.5 * (double(a[3]) + b[3]);
+    integrals_.push_back({float(sum[0]), float(sum[1]), float(sum[2]), float(sum[3])});
   }
 }
 

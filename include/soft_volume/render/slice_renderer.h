@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "soft_volume/common/geometry.h"
@@ -18,7 +19,7 @@ struct RenderOptions {
   int slices = 125;
   /// 0 draws the transfer function's colours as they are, 1 with the full light; [0, 1].
   double shading = 0.7;
-  /// Also compute depth; costs one more texture read per fragment.
+  /// Also compute depth, for about a quarter more time.
   bool depth = false;
   /// Accumulated opacity at which depth is taken, in (0, 1).
   double depth_threshold = 0.5;
@@ -45,16 +46,16 @@ struct Frame {
 /// float32.
 ///
 /// Optical model: emission and absorption. The transfer function is applied per fragment, after interpolation. A slice
-/// stands for the slab around it: a fragment's opacity is that of the ray's whole way through the slab,
-/// distance / cos(angle to the view axis). Slices are composited front to back ("under" operator), with and without
-/// depth, so colours do not depend on whether depth is asked for. Depth is where the accumulated opacity passes the
-/// threshold, interpolated within the slab (opacity grows exponentially in it).
+/// stands for the slab around it: its value goes linearly from where the ray enters the slab to where it leaves it, and
+/// its opacity is that of the ray's whole way through it, distance / cos(angle to the view axis). Slices are composited
+/// front to back ("under" operator), with and without depth, so colours do not depend on whether depth is asked for.
+/// Depth is where the accumulated opacity passes the threshold, interpolated within the slab (opacity grows
+/// exponentially in it).
 ///
-/// Light: one sun fixed to the camera, from the viewer's side and above (direction (0, -0.5, -1) in the optical frame,
-/// normalised). A fragment compares its value with the one two voxels nearer to the light: the more the value falls
-/// towards the light, the more a surface faces it; a fall by 1/3.5 of the transfer function's range is full light, none
-/// 30 % of it. The light's direction follows the deformation, so dents show. One sample sees the direction of an edge
-/// but not its strength: `shading` shows form, it is no measurement.
+/// Light: one sun fixed to the camera, at the viewer's upper left (direction (-0.4, -0.6, -1) in the optical frame,
+/// normalised), diffuse only. The normal is the gradient of the scalar in the deformed grid: along the ray from the
+/// slab's two values, across it from three samples one voxel around its middle. Where the scalar hardly changes there
+/// is no surface and a mean brightness.
 ///
 /// The image depends on the input alone, not on earlier calls or the number of threads. Cells over which the transfer
 /// function is transparent are not drawn.
@@ -83,6 +84,9 @@ class SliceRenderer {
   /// one is not usable, or when volume, transfer function or topology were not set; SceneError on a camera or options
   /// out of range. A grid outside the view gives a transparent frame.
   Frame render(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options = {});
+
+  /// Renderer and version as the driver states them. Frames of equal input are equal where this is equal.
+  std::string driver() const;
 
  private:
   class Impl;

@@ -24,7 +24,9 @@ struct SlicePlanes {
 struct SliceVertex {
   float u, v;                    ///< pixels, with the convention of Camera
   std::array<float, 3> texture;  ///< texture coordinates; affine on a plane z = const: no perspective correction
-  std::array<float, 3> light;    ///< change of the texture coordinates per metre towards the light
+  std::array<float, 3> view;     ///< change of the texture coordinates along the ray, per metre of depth
+  std::array<float, 3> right;    ///< change of the texture coordinates per metre along the camera's x
+  std::array<float, 3> down;     ///< the same along the camera's y
 };
 
 /// The triangles of one slice: `index_count` entries of SliceMesh::indices from `first_index` on.
@@ -59,7 +61,9 @@ class Slicer {
  public:
   /// Takes over what it needs of a valid topology. Throws InputError when a cell is no hexahedron.
   void setTopology(const Topology& topology);
+  using Corners = std::array<std::uint32_t, 8>;
   std::size_t cellCount() const { return cells_.size(); }
+  const Corners& corners(std::size_t cell) const { return cells_[cell]; }
   std::size_t vertexCount() const { return texture_.size(); }
 
   /// Takes `positions` (volume frame, metres, one per vertex) to the camera frame. Throws InputError when their number
@@ -68,21 +72,19 @@ class Slicer {
   /// Smallest and largest z of the transformed vertices, clipped to the camera's near and far; empty (first > second)
   /// when nothing lies between them.
   std::array<double, 2> depthRange(const Camera& camera) const;
-  /// Cuts the transformed grid. `skip` has one entry per cell, nonzero where it is not drawn, or is empty. Vertices get
-  /// light directions when `light_camera` (unit vector towards the light, camera frame) is not zero: the mean over a
-  /// vertex's cells, mapped to texture coordinates through the inverse of the cell's deformation; cells flatter than a
-  /// fiftieth of their edge box or inside out are left out of it. The result is valid until the next call.
-  const SliceMesh& slice(const Camera& camera, const SlicePlanes& planes, const std::vector<std::uint8_t>& skip,
-                         const Vector3f& light_camera = Vector3f::Zero());
+  /// Cuts the transformed grid. `skip` has one entry per cell, nonzero where it is not drawn, or is empty.
+  /// The directions at a vertex are mapped to texture coordinates through the inverse of each cell's deformation and
+  /// averaged over the vertex's cells; cells flatter than a fiftieth of their edge box or inside out are left out of
+  /// it, and vertices without any other get zero. The result is valid until the next call.
+  const SliceMesh& slice(const Camera& camera, const SlicePlanes& planes, const std::vector<std::uint8_t>& skip);
 
  private:
-  using Corners = std::array<std::uint32_t, 8>;
   struct BucketCell {
     std::uint32_t cell;
     float max_z_m;
   };
 
-  void computeLights(const Vector3f& light_camera);
+  void computeDirections(const Camera& camera);
   void fillBuckets(const SlicePlanes& planes, const std::vector<std::uint8_t>& skip);
   void updateActive(int plane, float z_m);
   void cutCell(const Camera& camera, const Corners& corners, float z_m);
@@ -91,8 +93,8 @@ class Slicer {
   std::vector<Corners> cells_;
   std::vector<Vector3f> texture_;            ///< per vertex
   std::vector<Vector3f> positions_;          ///< per vertex, camera frame
-  std::vector<Vector3f> lights_;             ///< per vertex, texture coordinates per metre
-  std::vector<std::uint32_t> light_cells_;   ///< per vertex, cells that gave it a light direction
+  std::vector<Eigen::Matrix3f> to_texture_;  ///< per vertex: columns ray, camera x, camera y
+  std::vector<std::uint32_t> usable_cells_;  ///< per vertex, cells in the sum
   std::vector<std::int32_t> first_plane_;    ///< per cell, one past the last where no plane cuts it
   std::vector<std::uint32_t> bucket_begin_;  ///< per plane, one for cells never cut, and the end
   std::vector<std::uint32_t> bucket_next_;   ///< where the next cell of a bucket goes

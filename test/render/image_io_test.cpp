@@ -1,0 +1,95 @@
+#include "soft_volume/render/image_io.h"
+
+#include <gtest/gtest.h>
+#include <turbojpeg.h>
+
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+
+#include "soft_volume/common/error.h"
+
+namespace soft_volume::core {
+namespace {
+
+/// Smooth in x and y, different in every channel.
+Image makeImage(int width, int height) {
+  Image image{width, height, {}};
+  for (int v = 0; v < height; ++v) {
+    for (int u = 0; u < width; ++u) {
+      for (const int level : {u * 255 / width, v * 255 / height, (u + v) * 255 / (width + height)}) {
+        image.rgb.push_back(std::uint8_t(level));
+      }
+    }
+  }
+  return image;
+}
+
+std::string temporaryPath(const std::string& name) {
+  return testing::TempDir() + "soft_volume_image_io_" + name;
+}
+
+TEST(Png, KeepsEveryPixel) {
+  const std::string path = temporaryPath("keeps.png");
+  const Image image = makeImage(37, 23);
+  writePng(path, image);
+  const Image back = readPng(path);
+  EXPECT_EQ(back.width, 37);
+  EXPECT_EQ(back.height, 23);
+  EXPECT_EQ(back.rgb, image.rgb);
+  std::remove(path.c_str());
+}
+
+TEST(Png, ErrorsNameTheFile) {
+  const Image image = makeImage(8, 8);
+  EXPECT_THROW(writePng("/no/such/folder/a.png", image), FileError);
+  EXPECT_THROW(readPng("/no/such/folder/a.png"), FileError);
+  EXPECT_THROW(writePng(temporaryPath("empty.png"), Image{}), InputError);
+  const std::string path = temporaryPath("truncated.png");
+  writePng(path, image);
+  std::ifstream file(path, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  std::ofstream(path, std::ios::binary) << bytes.substr(0, bytes.size() / 2);
+  try {
+    readPng(path);
+    FAIL() << "a truncated file was read";
+  } catch (const FileError& error) {
+    EXPECT_EQ(std::string(error.what()).find(path), 0U);
+  }
+  std::remove(path.c_str());
+}
+
+TEST(Jpeg, DecodesToNearlyTheSamePixels) {
+  const Image image = makeImage(64, 48);
+  std::vector<std::uint8_t> jpeg = encodeJpeg(image, 90);
+  Image back{64, 48, std::vector<std::uint8_t>(image.rgb.size())};
+  tjhandle decoder = tjInitDecompress();
+  ASSERT_EQ(tjDecompress2(decoder, jpeg.data(), jpeg.size(), back.rgb.data(), 64, 0, 48, TJPF_RGB, 0), 0);
+  tjDestroy(decoder);
+  EXPECT_GT(compareImages(image, back).psnr_db, 38.0);
+  EXPECT_LT(encodeJpeg(image, 20).size(), jpeg.size());
+}
+
+TEST(Jpeg, RefusesUnusableInput) {
+  const Image image = makeImage(8, 8);
+  EXPECT_THROW(encodeJpeg(image, 0), InputError);
+  EXPECT_THROW(encodeJpeg(image, 101), InputError);
+  EXPECT_THROW(encodeJpeg(Image{8, 8, {}}, 80), InputError);
+}
+
+TEST(CompareImages, MeasuresKnownDifferences) {
+  const Image image = makeImage(10, 10);
+  EXPECT_EQ(compareImages(image, image).rmse, 0.0);
+  EXPECT_TRUE(std::isinf(compareImages(image, image).psnr_db));
+  Image other = image;
+  other.rgb[30] = std::uint8_t(other.rgb[30] ^ 0x10);
+  const ImageDifference difference = compareImages(image, other);
+  EXPECT_EQ(difference.pixels, 1U);
+  EXPECT_EQ(difference.largest, 16);
+  EXPECT_NEAR(difference.rmse, 16.0 / std::sqrt(300.0), 1e-12);
+  EXPECT_NEAR(difference.psnr_db, 20.0 * std::log10(255.0 * std::sqrt(300.0) / 16.0), 1e-9);
+  EXPECT_THROW(compareImages(image, makeImage(10, 11)), InputError);
+}
+
+}  // namespace
+}  // namespace soft_volume::core
