@@ -354,6 +354,18 @@ TEST(SliceRenderer, SkippingTransparentCellsLosesNothing) {
     ASSERT_NEAR(cells.rgba[i], whole.rgba[i], 2e-3) << i;
 }
 
+TEST(SliceRenderer, SlabsReachIntoTheNextCell) {
+  // The step lies just behind a layer of cells; a slice through that transparent layer has half of its slab beyond it.
+  const auto step = makeVolume(Vector3i(40, 40, 40), Vector3::Ones(), [](const Vector3& t) { return t.z() > 0.53; });
+  const Box3 box(Vector3(-0.1, -0.1, 0.9), Vector3(0.1, 0.1, 1.1));
+  Scene one(box, Vector3i(1, 1, 1), step, makeStep(0.5, 0.5F, 0.005));
+  Scene many(box, Vector3i(12, 12, 12), step, makeStep(0.5, 0.5F, 0.005));
+  const Frame whole = one.render(straightCamera(Vector3::Zero()), plain(15));
+  const Frame cells = many.render(straightCamera(Vector3::Zero()), plain(15));
+  for (std::size_t i = 0; i < whole.rgba.size(); ++i)
+    ASSERT_NEAR(cells.rgba[i], whole.rgba[i], 1e-4) << i;
+}
+
 TEST(SliceRenderer, CameraInsideTheGridSeesNoHolesAtTheBorder) {
   Scene scene(Box3(Vector3::Constant(-1), Vector3::Constant(1)), Vector3i(5, 5, 5), constantVolume(),
               makeFog(0.5F, 0.1));
