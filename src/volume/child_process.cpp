@@ -149,6 +149,7 @@ int ChildProcess::wait() {
     if (millisecondsLeft() == 0) {
       throw TimeLimitReached();
     }
+    collectComplaints();  // a child that cannot write them would never end
     poll(nullptr, 0, kNapMs);
   }
   pid_ = -1;

@@ -114,6 +114,9 @@ void checkReply(const VolumeReply& reply, const std::string& path, const ReadLim
   if (std::memcmp(reply.magic, kVolumeMagic, sizeof reply.magic) != 0 || reply.version != kReaderProtocolVersion) {
     throw FileError(path + ": the reader's answer is not understood; " + kReaderName + " is of another version");
   }
+  if (reply.scalar_type > static_cast<std::uint32_t>(ScalarType::kFloat64)) {
+    throw FileError(path + ": the reader's answer has an unknown scalar type");
+  }
   if (reply.byte_count > limits.memory_bytes) {
     throw FileError(path + ": the volume has " + withMebibytes(reply.byte_count) + ", more than the limit of " +
                     withMebibytes(limits.memory_bytes));

@@ -1,5 +1,9 @@
 #include "header_text.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+#include <zlib.h>
+
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -45,6 +49,30 @@ void store(HeaderText& header, const std::string& line, const std::string& separ
   }
 }
 
+/// Decompresses from `offset` to the end and returns the number of bytes.
+std::uint64_t gzipBytes(const std::string& path, std::uint64_t offset) {
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0 || lseek(file, static_cast<off_t>(offset), SEEK_SET) < 0) {
+    throw ReadError("the data file " + path + " cannot be read");
+  }
+  const gzFile stream = gzdopen(file, "rb");
+  std::vector<char> block(1 << 16);
+  std::uint64_t total = 0;
+  int got = 0;
+  while ((got = gzread(stream, block.data(), unsigned(block.size()))) > 0) {
+    total += static_cast<std::uint64_t>(got);
+  }
+  if (gzclose(stream) != Z_OK || got < 0) {
+    throw ReadError("the compressed data is damaged or cut off; copy the file again");
+  }
+  return total;
+}
+
+[[noreturn]] void throwTooShort(std::uint64_t claimed, std::uint64_t there) {
+  throw ReadError("the file is too short: the header claims " + std::to_string(claimed) +
+                  " bytes of voxels, but only " + std::to_string(there) + " are there; copy the file again");
+}
+
 }  // namespace
 
 std::string HeaderText::value(const std::string& key) const {
@@ -78,6 +106,9 @@ HeaderText readNrrdHeader(const std::string& path) {
     throw ReadError("is no NRRD file: it does not begin with NRRD");
   }
   for (int count = 0; count < kMostLines && readLine(file, line) && !trimmed(line).empty(); ++count) {
+    if (file.eof() || line.find('\0') != std::string::npos) {  // VTK 9.1 would read such a line for ever
+      throw ReadError("the header is cut off or damaged; it must end with a line break");
+    }
     if (line[0] != '#' && line.find(":=") == std::string::npos) {
       store(header, line, ":");
     }
@@ -117,9 +148,14 @@ void checkFileHolds(const std::string& path, std::uint64_t offset, std::uint64_t
     throw ReadError("the data file " + path + " cannot be read: " + error.message());
   }
   if (size < offset || size - offset < byte_count) {
-    throw ReadError("the file is too short: the header claims " + std::to_string(byte_count) +
-                    " bytes of voxels, but only " + std::to_string(size < offset ? 0 : size - offset) +
-                    " are there; copy the file again");
+    throwTooShort(byte_count, size < offset ? 0 : size - offset);
+  }
+}
+
+void checkGzipHolds(const std::string& path, std::uint64_t offset, std::uint64_t byte_count) {
+  const std::uint64_t there = gzipBytes(path, offset);
+  if (there < byte_count) {
+    throwTooShort(byte_count, there);
   }
 }
 

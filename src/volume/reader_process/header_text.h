@@ -31,5 +31,8 @@ std::string lowerCase(std::string text);
 std::string beside(const std::string& path, const std::string& name);
 /// Throws ReadError when the file is missing or shorter than needed.
 void checkFileHolds(const std::string& path, std::uint64_t offset, std::uint64_t byte_count);
+/// The same for gzip data from `offset` on, counted after decompression; checks its checksum too, which readers that
+/// stop after the last voxel never see.
+void checkGzipHolds(const std::string& path, std::uint64_t offset, std::uint64_t byte_count);
 
 }  // namespace soft_volume::core::reader

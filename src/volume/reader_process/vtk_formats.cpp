@@ -16,6 +16,7 @@
 #include <vtkStreamingDemandDrivenPipeline.h>
 #include <vtkXMLImageDataReader.h>
 
+#include <algorithm>
 #include <cstring>
 #include <set>
 #include <sstream>
@@ -371,8 +372,12 @@ void checkNrrdData(const HeaderText& header, const std::string& path, std::uint6
     throw ReadError("keeps its data in several files; convert it to one data file first");
   }
   const std::string encoding = header.lowerCaseValue("encoding");
-  checkFileHolds(file.empty() ? path : beside(path, file), file.empty() ? header.data_offset : 0,
-                 encoding == "raw" ? byte_count : 1);
+  const std::string data_path = file.empty() ? path : beside(path, file);
+  const std::uint64_t offset = file.empty() ? header.data_offset : 0;
+  checkFileHolds(data_path, offset, encoding == "raw" ? byte_count : 1);
+  if (encoding == "gzip" || encoding == "gz") {
+    checkGzipHolds(data_path, offset, byte_count);  // VTK 9.1 would wait for the missing bytes for ever
+  }
 }
 
 // --- VTI
@@ -412,7 +417,11 @@ Image readNifti(const std::string& path, std::uint64_t limit) {
   const Claim claim = claimOf(reader, *reports);
   checkComponents(claim.components);
   checkNiftiTimes(reader);
-  requiredBytes(claim.dims, claim.bytes_per_scalar, limit);
+  const std::uint64_t byte_count = requiredBytes(claim.dims, claim.bytes_per_scalar, limit);
+  if (lowerCase(path).rfind(".gz") == path.size() - 3) {
+    checkGzipHolds(path, 0,
+                   std::uint64_t(std::max<vtkTypeInt64>(0, reader->GetNIFTIHeader()->GetVoxOffset())) + byte_count);
+  }
   const Image stored = readScalars(reader, *reports, geometryOf(claim.dims, niftiPlacement(reader)));
   return withIntensities(stored, reader->GetRescaleSlope(), reader->GetRescaleIntercept());
 }
