@@ -18,6 +18,10 @@ struct ReadLimits {
 /// series, in a child process (`soft_volume_read_volume`), because parsers crash on some damaged files. Millimetres
 /// become metres and the file's orientation is kept. The scalars keep their type.
 ///
+/// The grid of the result is right-handed: where the file's axes form a left hand, the slices come in reverse order, so
+/// that the volume frame never shows the patient mirrored. Slope and intercept (NIfTI, DICOM) are applied, which may
+/// turn integers into floats. Without a statement in the file lengths are millimetres; VTI is taken as RAS.
+///
 /// Throws FileError with the path and the reason: missing, unknown type, the reader's own errors, more than one
 /// component, fewer bytes than the header claims, the child's death, or a limit reached. Blocks; not real-time safe;
 /// safe to call from several threads.
