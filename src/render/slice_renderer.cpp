@@ -17,6 +17,17 @@ namespace {
 /// A grid that was pulled deeper gets at most this many times the asked planes.
 constexpr int kMaxSliceFactor = 4;
 
+/// Times its diagonal at rest that a grid may grow. Beyond that it has exploded, and its cells, each as large as the
+/// image, would take minutes to draw.
+constexpr double kMaxGrowth = 10.0;
+
+double diagonal(const std::vector<Vector3f>& points) {
+  Eigen::AlignedBox3f box;
+  for (const Vector3f& p : points)
+    box.extend(p);
+  return box.isEmpty() ? 0.0 : double(box.diagonal().norm());
+}
+
 std::vector<std::array<Vector3f, 2>> textureBoxes(const Topology& topology) {
   std::vector<std::array<Vector3f, 2>> boxes;
   boxes.reserve(topology.cellCount());
@@ -105,6 +116,15 @@ class SliceRenderer::Impl {
       throw InputError("set a topology with cells before rendering");
   }
 
+  void requireSaneSize(const std::vector<Vector3f>& positions) const {
+    const double now_m = diagonal(positions);
+    if (now_m <= kMaxGrowth * diagonal(rest_positions_))
+      return;
+    throw InputError(
+        "the grid has grown to " + std::to_string(now_m) +
+        " m, more than ten times its size at rest: the simulation is unstable or these are not its positions");
+  }
+
   /// Planes at distances that only the grid at rest decides, unless that is out of sight; leaves the slicer with the
   /// deformed grid.
   SlicePlanes choosePlanes(const Camera& camera, const std::vector<Vector3f>& positions, int slices) {
@@ -112,6 +132,7 @@ class SliceRenderer::Impl {
     slicer_.transform(camera, rest_positions_);
     std::array<double, 2> rest = slicer_.depthRange(camera);
     slicer_.transform(camera, positions);
+    requireSaneSize(positions);
     const std::array<double, 2> deformed = slicer_.depthRange(camera);
     if (isEmpty(deformed))
       return {};

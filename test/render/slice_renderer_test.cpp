@@ -389,6 +389,23 @@ TEST(SliceRenderer, GridOutOfSightGivesATransparentFrame) {
     EXPECT_TRUE(std::isnan(depth));
 }
 
+TEST(SliceRenderer, FoldedAndCollapsedGridsGiveFiniteFrames) {
+  BallScene scene;
+  const Camera camera = straightCamera(Vector3(0, 0, 0.85));  // in front of and inside the grid
+  std::mt19937 random(11);
+  for (const float size_m : {0.0F, 1e-20F, 0.1F}) {
+    std::uniform_real_distribution<float> coordinate(-size_m, size_m);
+    std::vector<Vector3f> positions = scene.topology.rest_positions;
+    for (Vector3f& p : positions)
+      p = Vector3f(0, 0, 1) + Vector3f(coordinate(random), coordinate(random), 0.9F * coordinate(random));
+    const Frame frame = scene.renderer.render(camera, positions, shaded(true));
+    for (const float value : frame.rgba)
+      ASSERT_TRUE(std::isfinite(value)) << "size " << size_m;
+    for (const float depth : frame.depth_m)
+      ASSERT_FALSE(std::isinf(depth)) << "size " << size_m;
+  }
+}
+
 template <typename Scalar>
 std::shared_ptr<const Volume> convert(const Volume& floats, ScalarType type, double scale, double offset) {
   const auto* values = reinterpret_cast<const float*>(floats.data().data());
@@ -504,8 +521,10 @@ TEST(SliceRenderer, RefusedInputLeavesTheFormerState) {
   bad_camera.fx = -1.0;
   EXPECT_THROW(scene.render(bad_camera, shaded(false)), SceneError);
   std::vector<Vector3f> positions = scene.topology.rest_positions;
-  positions[7].x() = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_THROW(scene.renderer.render(camera, positions), InputError);
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), 5.0F, 1e30F}) {
+    positions[7].x() = bad;
+    EXPECT_THROW(scene.renderer.render(camera, positions), InputError) << bad;
+  }
   EXPECT_EQ(hashOfFrame(scene.render(camera, shaded(false))), before);
 }
 

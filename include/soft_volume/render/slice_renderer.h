@@ -80,9 +80,10 @@ class SliceRenderer {
   /// hexahedra; the former topology then stays.
   void setTopology(const Topology& topology);
 
-  /// `positions`: volume frame, metres, one per vertex of the topology. Throws InputError when their number is wrong or
-  /// one is not usable, or when volume, transfer function or topology were not set; SceneError on a camera or options
-  /// out of range. A grid outside the view gives a transparent frame.
+  /// `positions`: volume frame, metres, one per vertex of the topology. Throws InputError when their number is wrong,
+  /// one is not usable or they span more than ten times the grid's size at rest, or when volume, transfer function or
+  /// topology were not set; SceneError on a camera or options out of range. A grid outside the view gives a transparent
+  /// frame.
   Frame render(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options = {});
 
   /// Renderer and version as the driver states them. Frames of equal input are equal where this is equal.
