@@ -102,7 +102,7 @@ TEST_F(ToolTest, PushIsOpposedAndGivenToTheTissue) {
   EXPECT_EQ(output_.force->header.revision, 3U);
   EXPECT_EQ(output_.force->header.tool_id, "probe");
   EXPECT_EQ(output_.force->hold_steps, 50U);
-  EXPECT_EQ(output_.force->footprint_radius_m, 0.01);
+  EXPECT_EQ(output_.force->footprint_radius_m, probeConfig().footprint_radius_m);
   EXPECT_LT((output_.force->point_m - Vector3(0.030, 0.030, kSurfaceZ)).norm(), 1e-6);
   EXPECT_TRUE(output_.contact.touching);
 }

@@ -28,11 +28,13 @@ enum class ToolKind : std::uint8_t { kProbe = 0, kScalpel = 1 };
 struct ToolConfig {
   std::string id = "probe";  ///< not empty
   ToolKind kind = ToolKind::kProbe;
-  double tissue_threshold = 0.0;     ///< intensity from which on there is tissue, in the volume's unit; finite
-  double tip_radius_m = 0.004;       ///< sphere that touches; [0.0005, 0.05]
-  double footprint_radius_m = 0.01;  ///< radius over which the tissue takes the force; [0.001, 0.1]
-  double patch_radius_m = 0.03;      ///< cells within this distance of the tip are asked for; [0.005, 0.2]
-  std::uint32_t hold_steps = 50;     ///< steps for which the tissue holds a force without a successor; [1, 10000]
+  double tissue_threshold = 0.0;  ///< intensity from which on there is tissue, in the volume's unit; finite
+  double tip_radius_m = 0.004;    ///< sphere that touches; [0.0005, 0.05]
+  /// Radius over which the tissue takes the force; [0.001, 0.1]. Below twice the lattice's spacing only a few vertices
+  /// carry it, and the loop of device, tool and a lightly damped lattice buzzes.
+  double footprint_radius_m = 0.016;
+  double patch_radius_m = 0.03;   ///< cells within this distance of the tip are asked for; [0.005, 0.2]
+  std::uint32_t hold_steps = 50;  ///< steps for which the tissue holds a force without a successor; [1, 10000]
   CouplingConfig coupling;
   DeviceLimits device;
   SafetyConfig safety;
