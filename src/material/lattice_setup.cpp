@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <numeric>
 #include <string>
 
 #include "soft_volume/common/error.h"
@@ -43,64 +45,96 @@ void checkLabels(const Volume& volume, const Volume* labels, const std::vector<M
   }
 }
 
-/// Counts the voxels of each material and all voxels in every lattice cell.
+/// Tissue voxels per lattice cell and material.
 class Votes {
  public:
   Votes(const Vector3i& dims, std::size_t materials)
-      : dims_(dims), materials_(materials), votes_(std::size_t(dims.prod()) * (materials + 1), 0) {}
+      : dims_(dims), materials_(materials), votes_(std::size_t(dims.prod()) * materials, 0) {}
 
-  void add(const Vector3i& cell, std::int32_t material) {
-    std::uint32_t* entry = at(index(cell));
-    ++entry[materials_];
-    if (material != kNone) ++entry[material];
-  }
-  std::uint32_t* at(std::size_t cell) { return votes_.data() + cell * (materials_ + 1); }
-
- private:
+  void add(const Vector3i& cell, std::int32_t material) { ++votes_[index(cell) * materials_ + std::size_t(material)]; }
+  const std::uint32_t* of(std::size_t cell) const { return votes_.data() + cell * materials_; }
   std::size_t index(const Vector3i& c) const {
     return std::size_t(c.x()) + std::size_t(dims_.x()) * (std::size_t(c.y()) + std::size_t(dims_.y()) * std::size_t(c.z()));
   }
+
+ private:
   Vector3i dims_;
   std::size_t materials_;
   std::vector<std::uint32_t> votes_;
 };
 
-Votes countVotes(const Volume& volume, const Volume* labels, const std::vector<Material>& materials,
-                 const Vector3i& dims, const Vector3& origin_m, double spacing_m) {
-  Votes votes(dims, materials.size());
-  const VolumeGeometry& geometry = volume.geometry();
-  for (int k = 0; k < geometry.dims.z(); ++k) {
-    for (int j = 0; j < geometry.dims.y(); ++j) {
-      for (int i = 0; i < geometry.dims.x(); ++i) {
-        const Vector3 p = geometry.spacing_m.cwiseProduct(Vector3(i, j, k));
-        const Vector3i cell = ((p - origin_m) / spacing_m).cast<int>().cwiseMin(dims - Vector3i::Ones());
-        const double label = labels != nullptr ? labels->at(i, j, k) : 0.0;
-        votes.add(cell, materialOf(materials, volume.at(i, j, k), label));
+struct Census {
+  Votes own;     ///< voxels inside the cell
+  Votes nearby;  ///< voxels of other cells within one voxel of it
+};
+
+/// Votes for the cells that a box of one voxel around `p` reaches beyond the voxel's own cell.
+void voteNearby(const Vector3& p, const Vector3& voxel_m, const std::function<Vector3i(const Vector3&)>& cell_of,
+                std::int32_t material, Votes& nearby) {
+  const Vector3i own = cell_of(p);
+  const Vector3i low = cell_of(p - voxel_m);
+  const Vector3i high = cell_of(p + voxel_m);
+  for (int k = low.z(); k <= high.z(); ++k) {
+    for (int j = low.y(); j <= high.y(); ++j) {
+      for (int i = low.x(); i <= high.x(); ++i) {
+        if (Vector3i(i, j, k) != own) nearby.add({i, j, k}, material);
       }
     }
   }
-  return votes;
+}
+
+Census takeCensus(const Volume& volume, const Volume* labels, const std::vector<Material>& materials,
+                  const Vector3i& dims, const Vector3& origin_m, double spacing_m) {
+  Census census{Votes(dims, materials.size()), Votes(dims, materials.size())};
+  const VolumeGeometry& geometry = volume.geometry();
+  const auto cell_of = [&](const Vector3& p) -> Vector3i {
+    return ((p - origin_m) / spacing_m).array().floor().cast<int>().matrix().cwiseMax(0).cwiseMin(dims -
+                                                                                                 Vector3i::Ones());
+  };
+  for (int k = 0; k < geometry.dims.z(); ++k) {
+    for (int j = 0; j < geometry.dims.y(); ++j) {
+      for (int i = 0; i < geometry.dims.x(); ++i) {
+        const double label = labels != nullptr ? labels->at(i, j, k) : 0.0;
+        const std::int32_t material = materialOf(materials, volume.at(i, j, k), label);
+        if (material == kNone) continue;
+        const Vector3 p = geometry.spacing_m.cwiseProduct(Vector3(i, j, k));
+        census.own.add(cell_of(p), material);
+        voteNearby(p, geometry.spacing_m, cell_of, material, census.nearby);
+      }
+    }
+  }
+  return census;
 }
 
 double stiffnessRank(const Material& material) {
   return material.fixed ? HUGE_VAL : material.youngs_modulus_pa;
 }
 
-std::int32_t decide(const std::uint32_t* votes, const std::vector<Material>& materials, const LatticeSettings& settings) {
-  std::uint32_t tissue = 0;
-  for (std::size_t m = 0; m < materials.size(); ++m) tissue += votes[m];
-  const std::uint32_t all = votes[materials.size()];
-  if (tissue == 0 || tissue < settings.minimum_tissue_fraction * all) return kNone;
-  std::int32_t stiffest = kNone;
-  std::int32_t most = 0;
+std::int32_t mostFrequent(const std::uint32_t* votes, std::size_t materials) {
+  const std::uint32_t* most = std::max_element(votes, votes + materials);
+  return *most > 0 ? static_cast<std::int32_t>(most - votes) : kNone;
+}
+
+/// The stiffest material with enough of a cell's own tissue, or kNone.
+std::int32_t stiffest(const std::uint32_t* votes, const std::vector<Material>& materials, double stiff_fraction) {
+  const std::uint32_t tissue = std::accumulate(votes, votes + materials.size(), 0U);
+  std::int32_t winner = kNone;
   for (std::size_t m = 0; m < materials.size(); ++m) {
-    if (votes[m] > votes[most]) most = static_cast<std::int32_t>(m);
-    const bool enough = votes[m] > 0 && votes[m] >= settings.stiff_fraction * tissue;
-    if (enough && (stiffest == kNone || stiffnessRank(materials[m]) > stiffnessRank(materials[stiffest]))) {
-      stiffest = static_cast<std::int32_t>(m);
+    const bool enough = votes[m] > 0 && votes[m] >= stiff_fraction * tissue;
+    if (enough && (winner == kNone || stiffnessRank(materials[m]) > stiffnessRank(materials[winner]))) {
+      winner = static_cast<std::int32_t>(m);
     }
   }
-  return stiffest != kNone ? stiffest : most;
+  return winner;
+}
+
+std::int32_t decide(const Census& census, std::size_t cell, const std::vector<Material>& materials,
+                    double stiff_fraction) {
+  const std::uint32_t* own = census.own.of(cell);
+  const std::int32_t frequent = mostFrequent(own, materials.size());
+  if (frequent == kNone) return mostFrequent(census.nearby.of(cell), materials.size());
+  const std::int32_t winner = stiffest(own, materials, stiff_fraction);
+  return winner != kNone ? winner : frequent;
 }
 
 /// Face-connected part of every cell; parts are numbered from 0 in lattice order.
@@ -164,9 +198,11 @@ Lattice buildLattice(const Volume& volume, const Volume* labels, const std::vect
   const double h = settings.spacing_m;
   const Vector3i dims = (bounds.sizes() / h - Vector3::Constant(1e-9)).array().ceil().cast<int>().max(1);
   const Vector3 spacing = Vector3::Constant(h);
-  Votes votes = countVotes(volume, labels, materials, dims, bounds.min(), h);
+  const Census census = takeCensus(volume, labels, materials, dims, bounds.min(), h);
   std::vector<std::int32_t> cell_materials(std::size_t(dims.prod()));
-  for (std::size_t c = 0; c < cell_materials.size(); ++c) cell_materials[c] = decide(votes.at(c), materials, settings);
+  for (std::size_t c = 0; c < cell_materials.size(); ++c) {
+    cell_materials[c] = decide(census, c, materials, settings.stiff_fraction);
+  }
 
   Lattice lattice = makeLattice(dims, spacing, bounds.min(), cell_materials);
   if (lattice.cells.empty()) {

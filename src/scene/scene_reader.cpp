@@ -111,7 +111,6 @@ std::vector<Material> readMaterials(YamlMap& top) {
 LatticeSettings readLattice(YamlMap map) {
   LatticeSettings lattice;
   lattice.spacing_m = map.number("spacing_m", {0.0002, 0.1, "m"});
-  lattice.minimum_tissue_fraction = map.number("minimum_tissue_fraction", kFraction, lattice.minimum_tissue_fraction);
   lattice.stiff_fraction = map.number("stiff_fraction", kFraction, lattice.stiff_fraction);
   lattice.keep_largest_part = map.flag("keep_largest_part", lattice.keep_largest_part);
   for (YamlMap& region : map.maps("fixed_regions_m")) {

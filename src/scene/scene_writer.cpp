@@ -85,7 +85,6 @@ void writeMaterial(Writer& out, const Material& m) {
 
 void writeLattice(Writer& out, const LatticeSettings& lattice) {
   out.number("spacing_m", lattice.spacing_m);
-  out.number("minimum_tissue_fraction", lattice.minimum_tissue_fraction);
   out.number("stiff_fraction", lattice.stiff_fraction);
   out.flag("keep_largest_part", lattice.keep_largest_part);
   out.list("fixed_regions_m", lattice.fixed_regions_m, [&out](const Box3& box) {

@@ -15,6 +15,9 @@ constexpr char kForceTopic[] = "tool/force";
 constexpr char kCutTopic[] = "tool/cut";
 constexpr std::uint32_t kMaxHoldSteps = 10000;
 constexpr double kMaxFootprintRadius_m = 0.1;
+/// A tool computes on what it saw a moment ago: while it cuts, its messages are one or more revisions behind. Points and
+/// forces do not depend on the numbering, so a revision may be old if the patch that it belongs to is not.
+constexpr std::uint64_t kMaxRevisionLagSteps = 100;
 /// A sweep between two poses of a device is a fraction of a millimetre; this many in one message is no blade.
 constexpr std::size_t kMaxQuads = 10000;
 
@@ -126,7 +129,8 @@ bool Session::nearLattice(const Vector3& point_m) const {
 
 std::string Session::checkHeader(const char* topic, const ToolCommandHeader& header) const {
   if (header.session != id_) return "it is meant for another session";
-  if (header.revision != lattice_.revision) {
+  const bool overtaken = header.revision < lattice_.revision && header.step + kMaxRevisionLagSteps >= steps();
+  if (header.revision != lattice_.revision && !overtaken) {
     return "it was computed on revision " + std::to_string(header.revision) + "; the grid has revision " +
            std::to_string(lattice_.revision);
   }

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <ros/node_handle.h>
+
+#include <string>
+
+#include "soft_volume/common/error.h"
+
+namespace soft_volume {
+
+/// A private parameter that a node cannot do without. Throws InputError that says what it is for.
+template <typename T>
+T requiredParameter(const ros::NodeHandle& node, const std::string& name, const std::string& meaning) {
+  T value;
+  if (node.getParam(name, value)) return value;
+  throw core::InputError("the parameter " + node.resolveName(name) + " is missing or of a wrong type: " + meaning);
+}
+
+/// A private parameter with a default and a range, both ends included. Throws InputError when it is outside or of
+/// another type.
+template <typename T>
+T parameter(const ros::NodeHandle& node, const std::string& name, T fallback, T min, T max) {
+  T value = fallback;
+  if (node.hasParam(name) && !node.getParam(name, value)) {
+    throw core::InputError("the parameter " + node.resolveName(name) + " is of a wrong type");
+  }
+  if (!(value >= min && value <= max)) {
+    throw core::InputError("the parameter " + node.resolveName(name) + " is " + std::to_string(value) +
+                           "; it must be within [" + std::to_string(min) + ", " + std::to_string(max) + "]");
+  }
+  return value;
+}
+
+}  // namespace soft_volume

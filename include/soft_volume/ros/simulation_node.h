@@ -1,0 +1,152 @@
+#pragma once
+
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <ros/node_handle.h>
+#include <soft_volume/RestoreCheckpoint.h>
+#include <soft_volume/SaveCheckpoint.h>
+#include <soft_volume/SimulationStats.h>
+#include <soft_volume/StepSimulation.h>
+#include <soft_volume/ToolCut.h>
+#include <soft_volume/ToolForce.h>
+#include <soft_volume/ToolGrip.h>
+#include <soft_volume/ToolState.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
+
+#include <atomic>
+#include <condition_variable>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <variant>
+#include <vector>
+
+#include "soft_volume/grid/state_stream.h"
+#include "soft_volume/messages/journal.h"
+#include "soft_volume/ros/incident_log.h"
+#include "soft_volume/scene/scene.h"
+#include "soft_volume/session/session.h"
+
+namespace soft_volume {
+
+/// Owns the lattice: applies what tools send, steps, publishes. Topics and services are those of topics.h.
+///
+/// Private parameters: ~scene (file), ~threads (1), ~real_time_factor (1; simulated seconds per second at most, 0: as
+/// fast as possible), ~publish_clock (false; be the source of /clock, for use_sim_time), ~start_paused (false),
+/// ~stop_after_s (0; shut down after so many simulated seconds), ~frame_id ("volume").
+///
+/// Stamps are those of the simulation: the ROS time at the start of the session plus the simulated time.
+///
+/// Threads: callbacks only queue; one thread applies, steps and publishes, and services run in it between two steps.
+class SimulationNode {
+ public:
+  /// Reads scene and volume, which can take seconds. Throws Error when they cannot be used.
+  SimulationNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node);
+  ~SimulationNode();
+  SimulationNode(const SimulationNode&) = delete;
+  SimulationNode& operator=(const SimulationNode&) = delete;
+
+ private:
+  using Input = std::variant<ToolForce::ConstPtr, ToolCut::ConstPtr, ToolGrip::ConstPtr>;
+  using Clock = std::chrono::steady_clock;
+
+  /// A simulated interval counted in steps.
+  struct Every {
+    std::uint64_t steps = 1;
+    bool due(std::uint64_t step) const { return step % steps == 0; }
+  };
+  struct PatchRequest {
+    core::Vector3 point_m;
+    double radius_m;
+    ros::WallTime heard;
+  };
+
+  void advertise();
+  void subscribe();
+  Every every(double interval_s) const;
+
+  // In callbacks.
+  void queueInput(Input input);
+  void hearTool(const ToolState::ConstPtr& message);
+  bool inLoop(const std::function<void()>& work);
+
+  // In the simulation's thread.
+  void run();
+  void runCommands();
+  bool mayStep();
+  void waitForDueTime();
+  void applyInputs();
+  void applyInput(const Input& input);
+  void advance();
+  void startSession(const SimulationCheckpoint* checkpoint);
+  void publishSession();
+  void publishTopology();
+  void publishState(bool key_frame);
+  void publishJournal();
+  void publishPatches();
+  void publishCheckpoint();
+  void publishClock();
+  void publishStats();
+  void trackExtremes();
+  SimulationStats makeStats();
+  template <typename Message>
+  void stamp(Message& message) const;
+  ros::Time stampNow() const;
+  void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
+
+  ros::NodeHandle node_;
+  ros::NodeHandle private_node_;
+  std::string frame_id_;
+  int threads_ = 1;
+  double real_time_factor_ = 1.0;
+  bool publish_clock_ = false;
+  double stop_after_s_ = 0.0;
+
+  core::Scene scene_;
+  core::SceneVolumes volumes_;
+  std::unique_ptr<core::Session> session_;
+  std::unique_ptr<Journal> journal_;
+  core::StateEncoder encoder_;
+  std::uint32_t published_revision_ = 0;
+  std::uint64_t journaled_step_ = 0;
+  ros::Time epoch_;
+  Every state_every_, patch_every_, key_frame_every_, checkpoint_every_, journal_every_, clock_every_;
+
+  ros::Publisher scene_publisher_, volume_publisher_, topology_publisher_, state_publisher_, patch_publisher_;
+  ros::Publisher journal_publisher_, checkpoint_publisher_, stats_publisher_, clock_publisher_;
+  std::vector<ros::Subscriber> subscribers_;
+  std::vector<ros::ServiceServer> services_;
+  diagnostic_updater::Updater diagnostics_;
+  ros::WallTimer diagnostics_timer_;
+  IncidentLog incidents_;
+
+  std::mutex mutex_;  // guards the queues below
+  std::condition_variable wake_;
+  std::vector<Input> inputs_;
+  std::map<std::string, PatchRequest> patch_requests_;
+  std::vector<std::function<void()>> commands_;
+
+  std::multimap<std::uint64_t, Input> later_;  // inputs for a stated step
+  bool paused_ = false;
+  std::uint64_t steps_granted_ = 0;            // by the step service, while paused
+  std::atomic<bool> key_frame_wanted_{true};
+  std::atomic<bool> running_{true};
+
+  // For stats; in the simulation's thread.
+  Clock::time_point due_;
+  Clock::time_point stats_time_;
+  std::vector<float> step_ms_;
+  std::uint32_t active_cells_max_ = 0;
+  double max_displacement_ever_m_ = 0.0;
+  double cut_opening_max_m_ = 0.0;
+  std::uint64_t states_published_ = 0;
+  std::mutex stats_mutex_;
+  SimulationStats stats_;
+
+  std::thread thread_;
+};
+
+}  // namespace soft_volume

@@ -1,0 +1,343 @@
+#include "soft_volume/ros/renderer_node.h"
+
+#include <ros/console.h>
+#include <ros/init.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/distortion_models.h>
+#include <sensor_msgs/image_encodings.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "soft_volume/common/error.h"
+#include "soft_volume/common/hash.h"
+#include "soft_volume/messages/conversions.h"
+#include "soft_volume/messages/topics.h"
+
+namespace soft_volume {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double millisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+sensor_msgs::CameraInfoPtr cameraInfo(const core::Camera& camera, const std_msgs::Header& header) {
+  auto info = boost::make_shared<sensor_msgs::CameraInfo>();
+  info->header = header;
+  info->width = static_cast<std::uint32_t>(camera.width);
+  info->height = static_cast<std::uint32_t>(camera.height);
+  info->distortion_model = sensor_msgs::distortion_models::PLUMB_BOB;
+  info->D.assign(5, 0.0);
+  info->K = {camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0};
+  info->R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+  info->P = {camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0};
+  return info;
+}
+
+sensor_msgs::ImagePtr colourImage(const core::Image& image, const std_msgs::Header& header) {
+  auto message = boost::make_shared<sensor_msgs::Image>();
+  message->header = header;
+  message->width = static_cast<std::uint32_t>(image.width);
+  message->height = static_cast<std::uint32_t>(image.height);
+  message->encoding = sensor_msgs::image_encodings::RGB8;
+  message->step = message->width * 3;
+  message->data = image.rgb;
+  return message;
+}
+
+sensor_msgs::ImagePtr depthImage(const core::Frame& frame, const std_msgs::Header& header) {
+  auto message = boost::make_shared<sensor_msgs::Image>();
+  message->header = header;
+  message->width = static_cast<std::uint32_t>(frame.width);
+  message->height = static_cast<std::uint32_t>(frame.height);
+  message->encoding = sensor_msgs::image_encodings::TYPE_32FC1;
+  message->step = message->width * 4;
+  message->data.resize(frame.depth_m.size() * sizeof(float));
+  std::memcpy(message->data.data(), frame.depth_m.data(), message->data.size());
+  return message;
+}
+
+sensor_msgs::CompressedImage compressedImage(const core::Image& image, int quality, const std_msgs::Header& header) {
+  sensor_msgs::CompressedImage message;
+  message.header = header;
+  message.format = "rgb8; jpeg compressed bgr8";  // what image_transport's own plugin writes
+  message.data = core::encodeJpeg(image, quality);
+  return message;
+}
+
+}  // namespace
+
+RendererNode::RendererNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
+    : node_(node), transport_(node), diagnostics_(node, private_node) {
+  stats_publisher_ = node_.advertise<RenderStats>(topics::kRenderStats, 1000);
+  const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+  subscribers_ = {
+      node_.subscribe<Scene>(topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, nullptr, hints),
+      node_.subscribe<Volume>(topics::kVolume, 10, [this](const Volume::ConstPtr& m) { hearVolume(m); }, nullptr, hints),
+      node_.subscribe<GridTopology>(topics::kTopology, 100,
+                                    [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, nullptr, hints),
+      node_.subscribe<GridState>(topics::kState, 100, [this](const GridState::ConstPtr& m) { hearState(m); }, nullptr,
+                                 hints)};
+  diagnostics_.setHardwareID("none");
+  diagnostics_.add("renderer", this, &RendererNode::diagnose);
+  diagnostics_timer_ =
+      node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  thread_ = std::thread([this] { run(); });
+}
+
+RendererNode::~RendererNode() {
+  running_ = false;
+  wake_.notify_all();
+  thread_.join();
+}
+
+void RendererNode::hearScene(const Scene::ConstPtr& message) {
+  try {
+    auto scene = std::make_shared<core::Scene>(core::parseScene(message->yaml, "the scene message", "/"));
+    Channels channels;
+    for (const core::CameraSettings& settings : scene->rendering.cameras) channels.push_back(openCamera(settings));
+    const std::lock_guard<std::mutex> lock(mutex_);
+    scene_ = std::move(scene);
+    channels_ = std::move(channels);
+    session_ = message->session;
+  } catch (const core::Error& error) {
+    incidents_.report(topics::kScene, error.what());
+  }
+}
+
+/// Opens the topics of a camera, or keeps those that are open: subscribers stay connected across sessions.
+std::shared_ptr<RendererNode::CameraChannel> RendererNode::openCamera(const core::CameraSettings& settings) {
+  for (const auto& open : channels_) {
+    if (open->name != settings.name) continue;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    open->camera = settings.camera;
+    open->next_due_s = 0.0;
+    open->redraw = true;
+    return open;
+  }
+  auto channel = std::make_shared<CameraChannel>();
+  channel->name = settings.name;
+  channel->camera = settings.camera;
+  std::weak_ptr<CameraChannel> weak = channel;
+  const auto joined = [this, weak] {
+    if (const auto c = weak.lock()) c->redraw = true;
+    wake_.notify_all();
+  };
+  const auto image_joined = [joined](const image_transport::SingleSubscriberPublisher&) { joined(); };
+  const auto info_joined = [joined](const ros::SingleSubscriberPublisher&) { joined(); };
+  const image_transport::SubscriberStatusCallback no_image;
+  const ros::SubscriberStatusCallback no_info;
+  channel->image = transport_.advertiseCamera(settings.name + "/image_raw", 100, image_joined, no_image, info_joined,
+                                              no_info);
+  channel->compressed =
+      node_.advertise<sensor_msgs::CompressedImage>(settings.name + "/image_raw/compressed", 100, info_joined);
+  channel->depth = node_.advertise<sensor_msgs::Image>(settings.name + "/depth", 100, info_joined);
+  channel->view = node_.subscribe<geometry_msgs::PoseStamped>(
+      settings.name + "/view", 10, [this, weak](const geometry_msgs::PoseStamped::ConstPtr& m) {
+        if (const auto c = weak.lock()) hearView(c, *m);
+      });
+  return channel;
+}
+
+void RendererNode::hearView(const std::shared_ptr<CameraChannel>& channel, const geometry_msgs::PoseStamped& message) {
+  core::Pose pose = fromPose(message.pose);
+  if (!core::isUsable(pose)) {
+    incidents_.report(channel->name + "/view", "the pose is not finite or its quaternion is not a rotation");
+    return;
+  }
+  pose.orientation.normalize();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    channel->camera.T_volume_camera = pose;
+  }
+  channel->redraw = true;
+  wake_.notify_all();
+}
+
+void RendererNode::hearVolume(const Volume::ConstPtr& message) {
+  try {
+    const VolumeAndLabels content = fromMessage(*message);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    volume_ = content.volume;
+  } catch (const core::Error& error) {
+    incidents_.report(topics::kVolume, error.what());
+  }
+}
+
+void RendererNode::hearTopology(const GridTopology::ConstPtr& message) {
+  try {
+    auto topology = std::make_shared<core::Topology>(fromMessage(*message));
+    const std::lock_guard<std::mutex> lock(mutex_);
+    decoder_.expect(topology->session, topology->revision, topology->rest_positions);
+    topology_ = std::move(topology);
+    if (early_state_) applyState(*std::exchange(early_state_, nullptr));
+  } catch (const core::Error& error) {
+    incidents_.report(topics::kTopology, error.what());
+  }
+}
+
+void RendererNode::hearState(const GridState::ConstPtr& message) {
+  try {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const bool early = !topology_ || message->session != topology_->session || message->revision > topology_->revision;
+    if (early) {
+      // Topics are not ordered among each other: the topology is on its way. Key frames alone are worth waiting for.
+      if (message->key_frame) early_state_ = message;
+      return;
+    }
+    if (message->revision < topology_->revision) return;  // overtaken by an incision
+    applyState(*message);
+  } catch (const core::Error& error) {
+    incidents_.report(topics::kState, error.what());
+  }
+  wake_.notify_all();
+}
+
+/// Needs the lock.
+void RendererNode::applyState(const GridState& message) {
+  if (decoder_.apply(fromMessage(message)) != core::StateDecoder::Result::kApplied) return;
+  state_header_ = message.header;
+  state_time_s_ = message.simulation_time;
+  ++state_number_;
+}
+
+bool RendererNode::takeSnapshot(Snapshot& snapshot) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  wake_.wait_for(lock, std::chrono::milliseconds(20));
+  if (!scene_ || !volume_ || !topology_ || !decoder_.hasState() || session_ != topology_->session) return false;
+  drawn_scene_ = scene_;
+  drawn_volume_ = volume_;
+  drawn_topology_ = topology_;
+  snapshot.session = topology_->session;
+  snapshot.revision = topology_->revision;
+  snapshot.step = decoder_.step();
+  snapshot.simulation_time_s = state_time_s_;
+  snapshot.number = state_number_;
+  snapshot.header = state_header_;
+  snapshot.positions = decoder_.positions();
+  snapshot.channels = channels_;
+  return true;
+}
+
+void RendererNode::run() {
+  std::shared_ptr<const core::Scene> scene;
+  std::shared_ptr<const core::Volume> volume;
+  std::shared_ptr<const core::Topology> topology;
+  Snapshot snapshot;
+  while (running_ && ros::ok()) {
+    if (!takeSnapshot(snapshot)) continue;
+    const auto wanted = [&](const auto& channel) { return wantsFrame(*channel, snapshot); };
+    if (std::none_of(snapshot.channels.begin(), snapshot.channels.end(), wanted)) continue;
+    try {
+      if (!renderer_) renderer_ = std::make_unique<core::SliceRenderer>();
+      if (drawn_volume_ != volume) renderer_->setVolume(volume = drawn_volume_);
+      if (drawn_scene_ != scene) {
+        scene = drawn_scene_;
+        renderer_->setTransferFunction(scene->rendering.transfer_function);
+      }
+      if (drawn_topology_ != topology) renderer_->setTopology(*(topology = drawn_topology_));
+      drawAll(snapshot);
+    } catch (const core::Error& error) {
+      incidents_.report("rendering", error.what());
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    }
+  }
+  renderer_.reset();  // in the thread that owns the context
+}
+
+bool RendererNode::wantsFrame(CameraChannel& channel, const Snapshot& snapshot) const {
+  const bool watched = channel.image.getNumSubscribers() > 0 || channel.compressed.getNumSubscribers() > 0 ||
+                       channel.depth.getNumSubscribers() > 0;
+  if (!watched) return false;
+  if (channel.redraw) return true;
+  return snapshot.number != channel.drawn_state && snapshot.simulation_time_s >= channel.next_due_s - 1e-9;
+}
+
+void RendererNode::drawAll(const Snapshot& snapshot) {
+  const double interval_s = 1.0 / drawn_scene_->rendering.rate_hz;
+  for (const auto& channel : snapshot.channels) {
+    if (!wantsFrame(*channel, snapshot)) continue;
+    channel->redraw = false;
+    const double late_s = snapshot.simulation_time_s - channel->next_due_s;
+    if (channel->drawn_state != 0 && late_s > interval_s) {
+      channel->skipped += static_cast<std::uint64_t>(std::floor(late_s / interval_s));
+    }
+    channel->next_due_s = interval_s * (std::floor(snapshot.simulation_time_s / interval_s + 1e-9) + 1.0);
+    channel->drawn_state = snapshot.number;
+    draw(*channel, snapshot);
+  }
+}
+
+void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
+  const Clock::time_point start = Clock::now();
+  const core::RenderSettings& settings = drawn_scene_->rendering;
+  core::Camera camera;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    camera = channel.camera;
+  }
+  core::RenderOptions options;
+  options.slices = settings.slices;
+  options.shading = settings.shading;
+  options.depth = channel.depth.getNumSubscribers() > 0;
+  options.depth_threshold = settings.depth_threshold;
+  const core::Frame frame = renderer_->render(camera, snapshot.positions, options);
+
+  RenderStats stats;
+  stats.session = snapshot.session;
+  stats.revision = snapshot.revision;
+  stats.step = snapshot.step;
+  stats.camera = channel.name;
+  stats.pose = toPose(camera.T_volume_camera);
+  stats.polygons = static_cast<std::uint32_t>(frame.polygons);
+  stats.slices = static_cast<std::uint32_t>(frame.slices);
+  publishFrame(channel, snapshot, camera, frame, stats);
+  stats.total_ms = millisecondsSince(start);
+  stats_publisher_.publish(stats);
+  const std::lock_guard<std::mutex> lock(stats_mutex_);
+  last_stats_ = stats;
+}
+
+void RendererNode::publishFrame(CameraChannel& channel, const Snapshot& snapshot, const core::Camera& camera,
+                                const core::Frame& frame, RenderStats& stats) {
+  std_msgs::Header header = snapshot.header;
+  header.frame_id = channel.name + "_optical_frame";
+  const core::Image image = frame.toRgb8(drawn_scene_->rendering.background);
+  channel.image.publish(colourImage(image, header), cameraInfo(camera, header));
+  if (channel.compressed.getNumSubscribers() > 0) {
+    channel.compressed.publish(compressedImage(image, drawn_scene_->rendering.jpeg_quality, header));
+  }
+  if (!frame.depth_m.empty()) channel.depth.publish(depthImage(frame, header));
+  stats.header = header;
+  stats.image_hash = core::hashVector(image.rgb);
+  stats.frames_published = ++channel.published;
+  stats.frames_skipped = channel.skipped;
+  stats.frames_rejected = incidents_.total();
+  stats.renderer = renderer_->driver();
+}
+
+void RendererNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const bool ready = scene_ && volume_ && topology_ && decoder_.hasState();
+    status.summary(diagnostic_msgs::DiagnosticStatus::OK, ready ? "ready" : "waiting for scene, volume and grid");
+  }
+  {
+    const std::lock_guard<std::mutex> lock(stats_mutex_);
+    status.add("renderer", last_stats_.renderer);
+    status.add("last frame [ms]", last_stats_.total_ms);
+    status.add("polygons", last_stats_.polygons);
+    status.add("frames published", last_stats_.frames_published);
+    status.add("frames skipped", last_stats_.frames_skipped);
+  }
+  incidents_.addTo(status);
+}
+
+}  // namespace soft_volume

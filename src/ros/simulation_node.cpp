@@ -1,0 +1,491 @@
+#include "soft_volume/ros/simulation_node.h"
+
+#include <ros/console.h>
+#include <ros/init.h>
+#include <rosgraph_msgs/Clock.h>
+#include <soft_volume/GridPatch.h>
+#include <soft_volume/GridState.h>
+#include <soft_volume/GridTopology.h>
+#include <soft_volume/Scene.h>
+#include <soft_volume/SimulationCheckpoint.h>
+#include <soft_volume/SimulationJournal.h>
+#include <soft_volume/Volume.h>
+
+#include <algorithm>
+#include <cmath>
+#include <future>
+#include <utility>
+
+#include "soft_volume/messages/conversions.h"
+#include "soft_volume/messages/topics.h"
+#include "soft_volume/ros/parameters.h"
+
+namespace soft_volume {
+namespace {
+
+/// A tool that said nothing for this long gets no patches.
+constexpr double kToolSilence_s = 0.5;
+constexpr double kJournalInterval_s = 0.02;
+/// A device delivers at most some thousand inputs a second; more than this at once is a fault, not a hand.
+constexpr std::size_t kMaxQueuedInputs = 100000;
+constexpr std::size_t kMaxLaterInputs = 10000;
+
+double milliseconds(std::chrono::steady_clock::duration duration) {
+  return std::chrono::duration<double, std::milli>(duration).count();
+}
+
+/// Never 0 and new for every session on this machine.
+std::uint64_t newSessionId() { return ros::WallTime::now().toNSec(); }
+
+std::uint64_t applyAtStep(const std::variant<ToolForce::ConstPtr, ToolCut::ConstPtr, ToolGrip::ConstPtr>& input) {
+  return std::visit([](const auto& message) { return message->apply_at_step; }, input);
+}
+
+}  // namespace
+
+SimulationNode::SimulationNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
+    : node_(node), private_node_(private_node), diagnostics_(node, private_node) {
+  const auto scene_file = requiredParameter<std::string>(private_node_, "scene", "the scene file (YAML) to simulate");
+  threads_ = parameter<int>(private_node_, "threads", 1, 1, 256);
+  real_time_factor_ = parameter<double>(private_node_, "real_time_factor", 1.0, 0.0, 1000.0);
+  stop_after_s_ = parameter<double>(private_node_, "stop_after_s", 0.0, 0.0, 1e9);
+  publish_clock_ = private_node_.param("publish_clock", false);
+  paused_ = private_node_.param("start_paused", false);
+  frame_id_ = private_node_.param<std::string>("frame_id", "volume");
+
+  scene_ = core::loadScene(scene_file);
+  volumes_ = core::readVolumes(scene_);
+  epoch_ = publish_clock_ ? ros::Time(1.0) : ros::Time::now();
+  state_every_ = every(1.0 / scene_.output.state_rate_hz);
+  patch_every_ = every(1.0 / scene_.output.patch_rate_hz);
+  key_frame_every_ = every(scene_.output.key_frame_interval_s);
+  checkpoint_every_ = every(scene_.output.checkpoint_interval_s);
+  journal_every_ = every(kJournalInterval_s);
+  clock_every_ = every(0.001);
+
+  advertise();
+  startSession(nullptr);
+  subscribe();
+  diagnostics_.setHardwareID("none");
+  diagnostics_.add("simulation", this, &SimulationNode::diagnose);
+  diagnostics_timer_ =
+      node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  thread_ = std::thread([this] { run(); });
+}
+
+SimulationNode::~SimulationNode() {
+  running_ = false;
+  wake_.notify_all();
+  thread_.join();
+}
+
+SimulationNode::Every SimulationNode::every(double interval_s) const {
+  return {static_cast<std::uint64_t>(std::max(1.0, std::round(interval_s / scene_.simulation.dt_s)))};
+}
+
+void SimulationNode::advertise() {
+  scene_publisher_ = node_.advertise<Scene>(topics::kScene, 1, true);
+  volume_publisher_ = node_.advertise<Volume>(topics::kVolume, 1, true);
+  topology_publisher_ = node_.advertise<GridTopology>(topics::kTopology, 100, true);
+  // A new receiver cannot use deltas until it has a key frame.
+  const auto joined = [this](const ros::SingleSubscriberPublisher&) { key_frame_wanted_ = true; };
+  state_publisher_ = node_.advertise<GridState>(topics::kState, 100, joined);
+  patch_publisher_ = node_.advertise<GridPatch>(topics::kPatch, 100);
+  journal_publisher_ = node_.advertise<SimulationJournal>(topics::kJournal, 1000);
+  checkpoint_publisher_ = node_.advertise<SimulationCheckpoint>(topics::kCheckpoint, 1, true);
+  stats_publisher_ = node_.advertise<SimulationStats>(topics::kSimulationStats, 10, true);
+  if (publish_clock_) clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>("/clock", 100);
+
+  using Trigger = std_srvs::Trigger;
+  using Ok = bool;
+  services_.push_back(node_.advertiseService<Trigger::Request, Trigger::Response>(
+      topics::kReset, [this](Trigger::Request&, Trigger::Response& response) -> Ok {
+        response.success = inLoop([this] { startSession(nullptr); });
+        response.message = "a new session starts from rest";
+        return true;
+      }));
+  services_.push_back(node_.advertiseService<std_srvs::SetBool::Request, std_srvs::SetBool::Response>(
+      topics::kPause, [this](std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) -> Ok {
+        const bool pause = request.data != 0;
+        response.success = inLoop([this, pause] {
+          paused_ = pause;
+          due_ = Clock::now();
+          journal_->note(topics::kPause, "std_srvs/SetBool", {static_cast<std::uint8_t>(pause)});
+        });
+        response.message = pause ? "paused" : "running";
+        return true;
+      }));
+  services_.push_back(node_.advertiseService<Trigger::Request, Trigger::Response>(
+      topics::kRequestKeyFrame, [this](Trigger::Request&, Trigger::Response& response) -> Ok {
+        response.success = inLoop([this] { publishState(true); });
+        response.message = "a key frame was published";
+        return true;
+      }));
+  services_.push_back(node_.advertiseService<StepSimulation::Request, StepSimulation::Response>(
+      topics::kStep, [this](StepSimulation::Request& request, StepSimulation::Response& response) -> Ok {
+        response.success = 0;
+        response.message = "the simulation runs: pause it first (" + std::string(topics::kPause) + ")";
+        if (request.steps < 1 || request.steps > 1000000) {
+          response.message = "steps must be within [1, 1000000]";
+          return true;
+        }
+        inLoop([this, &request, &response] {
+          if (!paused_) return;
+          for (std::uint32_t n = 0; n < request.steps && running_; ++n) {
+            applyInputs();
+            advance();
+          }
+          publishState(false);
+          publishJournal();
+          response.success = 1;
+          response.message = "";
+          response.step = session_->steps();
+        });
+        return true;
+      }));
+  services_.push_back(node_.advertiseService<SaveCheckpoint::Request, SaveCheckpoint::Response>(
+      topics::kSaveCheckpoint, [this](SaveCheckpoint::Request&, SaveCheckpoint::Response& response) -> Ok {
+        response.success = inLoop([this, &response] {
+          response.checkpoint = toMessage(*session_, session_->checkpoint());
+          stamp(response.checkpoint);
+          checkpoint_publisher_.publish(response.checkpoint);
+        });
+        return true;
+      }));
+  services_.push_back(node_.advertiseService<RestoreCheckpoint::Request, RestoreCheckpoint::Response>(
+      topics::kRestoreCheckpoint, [this](RestoreCheckpoint::Request& request, RestoreCheckpoint::Response& response) -> Ok {
+        inLoop([this, &request, &response] {
+          try {
+            startSession(&request.checkpoint);
+            response.success = 1;
+            response.message = "a new session continues from step " + std::to_string(session_->steps());
+          } catch (const core::Error& error) {
+            response.success = 0;
+            response.message = error.what();
+            incidents_.report(topics::kRestoreCheckpoint, error.what());
+          }
+        });
+        return true;
+      }));
+}
+
+void SimulationNode::subscribe() {
+  const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+  subscribers_ = {
+      node_.subscribe<ToolForce>(topics::kToolForce, 1000,
+                                 [this](const ToolForce::ConstPtr& m) { queueInput(m); }, nullptr, hints),
+      node_.subscribe<ToolCut>(topics::kToolCut, 1000, [this](const ToolCut::ConstPtr& m) { queueInput(m); },
+                               nullptr, hints),
+      node_.subscribe<ToolGrip>(topics::kToolGrip, 1000, [this](const ToolGrip::ConstPtr& m) { queueInput(m); },
+                                nullptr, hints),
+      node_.subscribe<ToolState>(topics::kToolState, 100, [this](const ToolState::ConstPtr& m) { hearTool(m); },
+                                 nullptr, hints)};
+}
+
+void SimulationNode::queueInput(Input input) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (inputs_.size() >= kMaxQueuedInputs) {
+    incidents_.report("tool inputs", "more came than the simulation can take; some were dropped");
+    return;
+  }
+  inputs_.push_back(std::move(input));
+}
+
+void SimulationNode::hearTool(const ToolState::ConstPtr& message) {
+  const core::Vector3 point = fromPoint(message->pose.position);
+  if (scene_.findTool(message->tool_id) == nullptr || !core::isFinite(point) ||
+      !(message->patch_radius > 0.0 && message->patch_radius <= 1.0)) {
+    incidents_.report(topics::kToolState, "a tool that the scene does not have, or a pose or radius out of range");
+    return;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  patch_requests_[message->tool_id] = {point, message->patch_radius, ros::WallTime::now()};
+}
+
+/// Runs `work` in the simulation's thread between two steps and waits for it; false when the node is shutting down.
+bool SimulationNode::inLoop(const std::function<void()>& work) {
+  auto done = std::make_shared<std::promise<void>>();
+  std::future<void> result = done->get_future();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    commands_.emplace_back([work, done] {
+      work();
+      done->set_value();
+    });
+  }
+  wake_.notify_all();
+  while (result.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
+    if (!running_ || !ros::ok()) return false;
+  }
+  return true;
+}
+
+void SimulationNode::run() {
+  due_ = stats_time_ = Clock::now();
+  while (running_ && ros::ok()) {
+    runCommands();
+    if (mayStep()) {
+      waitForDueTime();
+      applyInputs();
+      advance();
+    }
+    if (Clock::now() - stats_time_ >= std::chrono::seconds(1)) publishStats();
+    if (stop_after_s_ > 0.0 && session_->simulationTime() >= stop_after_s_) {
+      publishState(true);
+      publishJournal();
+      publishStats();
+      ROS_INFO("%.3f s were simulated: the run is complete", session_->simulationTime());
+      // Subscribers have to read the last messages before the connections close.
+      ros::WallDuration(0.5).sleep();
+      ros::requestShutdown();
+      return;
+    }
+  }
+}
+
+void SimulationNode::runCommands() {
+  std::vector<std::function<void()>> commands;
+  {
+    std::unique_lock<std::mutex> lock(mutex_);
+    if (paused_ && commands_.empty()) wake_.wait_for(lock, std::chrono::milliseconds(20));
+    commands.swap(commands_);
+  }
+  for (const auto& command : commands) command();
+}
+
+bool SimulationNode::mayStep() { return !paused_; }
+
+void SimulationNode::waitForDueTime() {
+  if (real_time_factor_ <= 0.0) return;
+  due_ += std::chrono::duration_cast<Clock::duration>(
+      std::chrono::duration<double>(scene_.simulation.dt_s / real_time_factor_));
+  const Clock::time_point now = Clock::now();
+  if (due_ > now) {
+    std::this_thread::sleep_until(due_);
+  } else if (now - due_ > std::chrono::milliseconds(100)) {
+    due_ = now;  // too slow for the wished factor: do not race to make up for it later
+  }
+}
+
+void SimulationNode::applyInputs() {
+  std::vector<Input> inputs;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    inputs.swap(inputs_);
+  }
+  for (const Input& input : inputs) {
+    const std::uint64_t at = applyAtStep(input);
+    if (at <= session_->steps() + 1) {
+      applyInput(input);
+    } else if (later_.size() < kMaxLaterInputs) {
+      later_.emplace(at, input);
+    } else {
+      incidents_.report("tool inputs", "too many are waiting for a later step; one was dropped");
+    }
+  }
+  while (!later_.empty() && later_.begin()->first <= session_->steps() + 1) {
+    applyInput(later_.begin()->second);
+    later_.erase(later_.begin());
+  }
+}
+
+void SimulationNode::applyInput(const Input& input) {
+  std::visit(
+      [this](const auto& message) {
+        const JournalEntry& entry = journal_->apply(*message);
+        if (entry.outcome == JournalEntry::REFUSED) incidents_.report(entry.topic, entry.reason);
+      },
+      input);
+  if (session_->lattice().revision != published_revision_) publishTopology();
+}
+
+void SimulationNode::advance() {
+  const Clock::time_point start = Clock::now();
+  session_->step();
+  step_ms_.push_back(static_cast<float>(milliseconds(Clock::now() - start)));
+  active_cells_max_ = std::max(active_cells_max_, static_cast<std::uint32_t>(session_->simulation().activeCells()));
+  const std::uint64_t step = session_->steps();
+  if (publish_clock_ && clock_every_.due(step)) publishClock();
+  if (patch_every_.due(step)) publishPatches();
+  if (journal_every_.due(step)) publishJournal();
+  const bool key_frame = key_frame_every_.due(step);
+  if (state_every_.due(step) || key_frame) publishState(key_frame);
+  if (checkpoint_every_.due(step)) publishCheckpoint();
+}
+
+void SimulationNode::startSession(const SimulationCheckpoint* checkpoint) {
+  auto session =
+      std::make_unique<core::Session>(scene_, volumes_.volume, volumes_.labels, newSessionId(), threads_);
+  auto journal = std::make_unique<Journal>(*session);
+  if (checkpoint != nullptr) {
+    const JournalEntry& entry = journal->apply(*checkpoint);
+    if (entry.outcome != JournalEntry::APPLIED) throw core::InputError(entry.reason);
+  }
+  if (session_) {
+    publishJournal();  // what the old session still has to say
+    epoch_ = stampNow();
+    if (checkpoint != nullptr) epoch_ -= ros::Duration(session->simulationTime());
+  }
+  session_ = std::move(session);
+  journal_ = std::move(journal);
+  later_.clear();
+  encoder_ = core::StateEncoder();
+  journaled_step_ = session_->steps();
+  active_cells_max_ = 0;
+  max_displacement_ever_m_ = cut_opening_max_m_ = 0.0;
+  states_published_ = 0;
+  publishSession();
+}
+
+void SimulationNode::publishSession() {
+  Scene scene = sceneMessage(*session_);
+  stamp(scene);
+  scene_publisher_.publish(scene);
+  auto volume = boost::make_shared<Volume>(toMessage(*session_));
+  stamp(*volume);
+  volume_publisher_.publish(volume);
+  publishTopology();
+  publishJournal();
+  publishState(true);
+  publishCheckpoint();
+  ROS_INFO("session %llu: %zu cells, %zu vertices, time step %g s (limit %.3g s)",
+           static_cast<unsigned long long>(session_->id()), session_->lattice().cellCount(),
+           session_->lattice().vertexCount(), scene_.simulation.dt_s, session_->timeStepLimit());
+}
+
+void SimulationNode::publishTopology() {
+  auto message = boost::make_shared<GridTopology>(topologyMessage(*session_));
+  stamp(*message);
+  published_revision_ = message->revision;
+  topology_publisher_.publish(message);
+  key_frame_wanted_ = true;
+}
+
+void SimulationNode::publishState(bool key_frame) {
+  core::GridStateFrame frame;
+  frame.session = session_->id();
+  frame.revision = session_->lattice().revision;
+  frame.step = session_->steps();
+  frame.simulation_time_s = session_->simulationTime();
+  frame.state_hash = session_->simulation().stateHash();
+  encoder_.encode(session_->simulation().positions(), key_frame_wanted_.exchange(false) || key_frame, frame);
+  auto message = boost::make_shared<GridState>(toMessage(frame));
+  stamp(*message);
+  state_publisher_.publish(message);
+  ++states_published_;
+  trackExtremes();
+}
+
+void SimulationNode::publishJournal() {
+  SimulationJournal message;
+  message.session = session_->id();
+  message.revision = session_->lattice().revision;
+  message.step = message.last_step = session_->steps();
+  message.first_step = journaled_step_;
+  message.entries = journal_->take();
+  message.state_hash = session_->simulation().stateHash();
+  stamp(message);
+  journal_publisher_.publish(message);
+  journaled_step_ = message.last_step;
+}
+
+void SimulationNode::publishPatches() {
+  std::map<std::string, PatchRequest> requests;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    requests = patch_requests_;
+  }
+  for (const auto& entry : requests) {
+    const PatchRequest& request = entry.second;
+    if ((ros::WallTime::now() - request.heard).toSec() > kToolSilence_s) continue;
+    auto message = boost::make_shared<GridPatch>(toMessage(session_->patch(entry.first, request.point_m, request.radius_m)));
+    stamp(*message);
+    patch_publisher_.publish(message);
+  }
+}
+
+void SimulationNode::publishCheckpoint() {
+  auto message = boost::make_shared<SimulationCheckpoint>(toMessage(*session_, session_->checkpoint()));
+  stamp(*message);
+  checkpoint_publisher_.publish(message);
+}
+
+void SimulationNode::publishClock() {
+  rosgraph_msgs::Clock message;
+  message.clock = stampNow();
+  clock_publisher_.publish(message);
+}
+
+ros::Time SimulationNode::stampNow() const { return epoch_ + ros::Duration(session_->simulationTime()); }
+
+template <typename Message>
+void SimulationNode::stamp(Message& message) const {
+  message.header.stamp = stampNow();
+  message.header.frame_id = frame_id_;
+}
+
+void SimulationNode::trackExtremes() {
+  max_displacement_ever_m_ = std::max(max_displacement_ever_m_, session_->simulation().maxDisplacement());
+  cut_opening_max_m_ = std::max(cut_opening_max_m_, session_->cutOpening());
+}
+
+SimulationStats SimulationNode::makeStats() {
+  const Clock::time_point now = Clock::now();
+  const core::Simulation& simulation = session_->simulation();
+  SimulationStats stats;
+  stats.session = session_->id();
+  stats.revision = session_->lattice().revision;
+  stats.step = session_->steps();
+  stats.dt = scene_.simulation.dt_s;
+  stats.dt_limit = session_->timeStepLimit();
+  stats.simulation_time = session_->simulationTime();
+  const double wall_s = std::chrono::duration<double>(now - stats_time_).count();
+  const double steps = static_cast<double>(step_ms_.size());
+  stats.real_time_factor = wall_s > 0.0 ? steps * stats.dt / wall_s : 0.0;
+  if (!step_ms_.empty()) {
+    std::nth_element(step_ms_.begin(), step_ms_.begin() + step_ms_.size() / 2, step_ms_.end());
+    stats.step_ms_median = step_ms_[step_ms_.size() / 2];
+    stats.step_ms_max = *std::max_element(step_ms_.begin(), step_ms_.end());
+  }
+  stats.cells = static_cast<std::uint32_t>(session_->lattice().cellCount());
+  stats.vertices = static_cast<std::uint32_t>(session_->lattice().vertexCount());
+  stats.active_cells = static_cast<std::uint32_t>(simulation.activeCells());
+  stats.active_cells_max = active_cells_max_;
+  stats.threads = static_cast<std::uint32_t>(threads_);
+  trackExtremes();
+  stats.max_displacement = simulation.maxDisplacement();
+  stats.max_displacement_ever = max_displacement_ever_m_;
+  stats.max_speed = simulation.maxSpeed();
+  stats.cut_opening = session_->cutOpening();
+  stats.cut_opening_max = cut_opening_max_m_;
+  stats.limited_moves = simulation.limitedMoves();
+  stats.states_published = states_published_;
+  stats.inputs_applied = journal_->applied();
+  stats.inputs_refused = journal_->refused();
+  stats.paused = static_cast<std::uint8_t>(paused_);
+  return stats;
+}
+
+void SimulationNode::publishStats() {
+  SimulationStats stats = makeStats();
+  stamp(stats);
+  stats_publisher_.publish(stats);
+  stats_time_ = Clock::now();
+  step_ms_.clear();
+  const std::lock_guard<std::mutex> lock(stats_mutex_);
+  stats_ = stats;
+}
+
+void SimulationNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const std::lock_guard<std::mutex> lock(stats_mutex_);
+  status.summary(diagnostic_msgs::DiagnosticStatus::OK, stats_.paused ? "paused" : "running");
+  status.add("step", stats_.step);
+  status.add("real-time factor", stats_.real_time_factor);
+  status.add("step time, median [ms]", stats_.step_ms_median);
+  status.add("active cells", stats_.active_cells);
+  status.add("largest displacement [m]", stats_.max_displacement);
+  status.add("moves shortened by the safe-move rule", stats_.limited_moves);
+  incidents_.addTo(status);
+}
+
+}  // namespace soft_volume
