@@ -246,6 +246,8 @@ void Simulation::step() {
               [this](std::ptrdiff_t n) { moveVertex(static_cast<std::size_t>(n)); });
   applyMoves();
   ageCells();
+  // Now rather than with the next step: what leaves the solve comes to rest, and a state saved here must say so.
+  if (active_changed_) rebuildActiveSet();
   ++state_.step;
 }
 

@@ -1,0 +1,197 @@
+#include "soft_volume/scene/scene.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "small_scene.h"
+#include "soft_volume/common/error.h"
+#include "soft_volume/volume/volume_reader.h"
+
+namespace soft_volume::core {
+namespace {
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+std::string errorOf(const std::string& yaml) {
+  try {
+    parseScene(yaml, "scene.yaml", "/data");
+  } catch (const SceneError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+std::string errorWith(const std::string& from, const std::string& to) {
+  return errorOf(replaced(smallSceneText(), from, to));
+}
+
+TEST(Scene, ReadsWhatIsThereAndFillsInDefaults) {
+  const Scene scene = smallScene();
+  EXPECT_EQ(scene.name, "block");
+  EXPECT_EQ(scene.volume.file, "/data/block.mha");
+  ASSERT_EQ(scene.materials.size(), 1U);
+  EXPECT_EQ(scene.materials[0].youngs_modulus_pa, 5000.0);
+  EXPECT_EQ(scene.materials[0].poisson_ratio, 0.25);
+  EXPECT_EQ(scene.lattice.stiff_fraction, LatticeSettings().stiff_fraction);
+  EXPECT_EQ(scene.simulation.lifetime_steps, 500U);
+  EXPECT_EQ(scene.simulation.integrator, Integrator::kSymplecticEuler);
+  ASSERT_EQ(scene.tools.size(), 2U);
+  EXPECT_EQ(scene.tools[1].kind, ToolKind::kScalpel);
+  EXPECT_EQ(scene.tools[0].device.max_force_n, deviceLimits("touch").max_force_n);
+  ASSERT_EQ(scene.device.way_points.size(), 2U);
+  EXPECT_TRUE(scene.device.way_points[1].buttons[3]);
+  EXPECT_NE(scene.findTool("probe"), nullptr);
+  EXPECT_EQ(scene.findTool("spoon"), nullptr);
+}
+
+TEST(Scene, ResolvedTextReadsBackAsTheSameScene) {
+  const std::string once = writeScene(smallScene());
+  const Scene again = parseScene(once, "resolved", "/elsewhere");
+  EXPECT_EQ(writeScene(again), once);
+  EXPECT_EQ(again.volume.file, "/data/block.mha");
+  const Camera& camera = again.rendering.cameras[0].camera;
+  EXPECT_EQ(camera.fx, smallScene().rendering.cameras[0].camera.fx);
+  EXPECT_EQ(camera.T_volume_camera.orientation.coeffs(),
+            smallScene().rendering.cameras[0].camera.T_volume_camera.orientation.coeffs());
+}
+
+TEST(Scene, ErrorsNameFileLineKeyValueAndRange) {
+  const std::string error = errorWith("spacing_m: 0.008", "spacing_m: -0.008");
+  EXPECT_NE(error.find("scene.yaml:14: lattice.spacing_m is -0.008"), std::string::npos) << error;
+  EXPECT_NE(error.find("[0.0002, 0.1] m"), std::string::npos) << error;
+}
+
+TEST(Scene, RefusesUnknownAndDuplicateKeys) {
+  EXPECT_NE(errorWith("dt_s: 0.001", "dt: 0.001").find("scene.yaml:19: unknown key simulation.dt"), std::string::npos);
+  EXPECT_NE(errorWith("  lifetime_s: 0.5", "  lifetime_s: 0.5\n  lifetime_s: 0.6").find("simulation.lifetime_s is there twice"),
+            std::string::npos);
+  EXPECT_NE(errorWith("name: block", "name: block\nshape: round").find("unknown key shape"), std::string::npos);
+  EXPECT_NE(errorWith("    density_kg_m3", "    weight: 1\n    density_kg_m3").find("unknown key materials[0].weight"),
+            std::string::npos);
+}
+
+/// One bad value per field; every one must be refused with the field's name in the error.
+TEST(Scene, RejectsOneBadValuePerField) {
+  struct Case {
+    const char* from;
+    const char* to;
+    const char* field;
+  };
+  const Case cases[] = {
+      {"format: 1", "format: 2", "format"},
+      {"name: block", "colour: red", "name"},
+      {"  file: block.mha", "  labels: x", "volume.file"},
+      {"  file: block.mha", "  file: block.mha\n  stride: [0, 1, 1]", "volume.stride"},
+      {"  file: block.mha", "  file: block.mha\n  begin: [1, 2]", "volume.begin"},
+      {"  file: block.mha", "  file: block.mha\n  end: [1.5, 2, 3]", "volume.end"},
+      {"  file: block.mha", "  file: ${SOFT_VOLUME_NO_SUCH_VARIABLE}/x", "volume.file"},
+      {"intensity: [50, 200]", "intensity: [200, 50]", "intensity"},
+      {"intensity: [50, 200]", "intensity: [50, 200]\n    labels: [1]", "intensity"},
+      {"intensity: [50, 200]", "labels: []", "labels"},
+      {"density_kg_m3: 1000", "density_kg_m3: 0", "density_kg_m3"},
+      {"youngs_modulus_pa: 5000", "youngs_modulus_pa: .nan", "youngs_modulus_pa"},
+      {"youngs_modulus_pa: 5000", "youngs_modulus_pa: stiff", "youngs_modulus_pa"},
+      {"damping_per_s: 60", "damping_per_s: -1", "damping_per_s"},
+      {"damping_per_s: 60", "poisson_ratio: 0.5", "poisson_ratio"},
+      {"damping_per_s: 60", "poisson_ratio: 0.4", "poisson_ratio"},
+      {"damping_per_s: 60", "fixed: maybe", "fixed"},
+      {"damping_per_s: 60", "cut_resistance_j_m2: -1", "cut_resistance_j_m2"},
+      {"colour: [0.9, 0.6, 0.5]", "colour: [2, 0, 0]", "colour"},
+      {"opacity: 0.5", "opacity: 1.5", "opacity"},
+      {"spacing_m: 0.008", "spacing_m: 0.008\n  stiff_fraction: 2", "stiff_fraction"},
+      {"spacing_m: 0.008", "spacing_m: 0.008\n  keep_largest_part: 7", "keep_largest_part"},
+      {"max: [1, 1, 0.001]", "max: [-2, 1, 0.001]", "fixed_regions_m[0]"},
+      {"dt_s: 0.001", "dt_s: 0", "simulation.dt_s"},
+      {"dt_s: 0.001", "integrator: magic", "simulation.integrator"},
+      {"dt_s: 0.001", "safe_move_fraction: 0.9", "simulation.safe_move_fraction"},
+      {"activation_radius_m: 0.03", "activation_radius_m: -1", "simulation.activation_radius_m"},
+      {"lifetime_s: 0.5", "lifetime_s: -1", "simulation.lifetime_s"},
+      {"lifetime_s: 0.5", "max_tool_force_n: 0", "simulation.max_tool_force_n"},
+      {"rendering:", "incision: {rest_fraction: 0.1}\nrendering:", "incision.rest_fraction"},
+      {"rendering:", "output: {state_rate_hz: 0}\nrendering:", "output.state_rate_hz"},
+      {"rendering:", "output: {patch_rate_hz: 0}\nrendering:", "output.patch_rate_hz"},
+      {"rendering:", "output: {key_frame_interval_s: 0}\nrendering:", "output.key_frame_interval_s"},
+      {"rendering:", "output: {checkpoint_interval_s: 0}\nrendering:", "output.checkpoint_interval_s"},
+      {"from_materials: true", "points: [[0, 0, 0, 0, 0]]", "transfer_function.points"},
+      {"from_materials: true", "points: [[1, 0, 0, 0, 0], [0, 0, 0, 0, 0]]", "transfer_function.points"},
+      {"from_materials: true", "points: [[1, 0, 0, 0]]", "transfer_function.points"},
+      {"from_materials: true", "from_materials: true\n    unit_distance_m: 0", "unit_distance_m"},
+      {"slices: 40", "slices: 0", "rendering.slices"},
+      {"slices: 40", "slices: 2.5", "rendering.slices"},
+      {"slices: 40", "shading: 2", "rendering.shading"},
+      {"slices: 40", "depth_threshold: 1", "rendering.depth_threshold"},
+      {"slices: 40", "background: [0, 0, 7]", "rendering.background"},
+      {"slices: 40", "rate_hz: 0", "rendering.rate_hz"},
+      {"slices: 40", "jpeg_quality: 101", "rendering.jpeg_quality"},
+      {"name: camera", "name: my camera", "cameras[0].name"},
+      {"width: 80", "width: 0", "cameras[0].width"},
+      {"height: 60", "height: 1000000", "cameras[0].height"},
+      {"up: [0, 0, 1]", "up: [0, 0, 0]", "cameras[0]"},
+      {"up: [0, 0, 1]", "up: [0, 0, 1]\n      vertical_fov_rad: 4", "vertical_fov_rad"},
+      {"up: [0, 0, 1]", "up: [0, 0, 1]\n      near_m: 20", "near_m"},
+      {"eye_m: [0.024, -0.2, 0.06]", "eye_m: [0.024, .inf, 0.06]", "eye_m"},
+      {"- id: scalpel", "- id: probe", "tools[1].id"},
+      {"kind: scalpel", "kind: spoon", "tools[1].kind"},
+      {"kind: scalpel\n    tissue_threshold: 75", "kind: scalpel", "tools[1].tissue_threshold"},
+      {"kind: scalpel", "tip_radius_m: 1", "tools[1]"},
+      {"kind: scalpel", "footprint_radius_m: 0.002", "footprint_radius_m"},
+      {"kind: scalpel", "hold_steps: 0", "hold_steps"},
+      {"kind: scalpel", "stiffness_n_m: -1", "tools[1]"},
+      {"kind: scalpel", "ramp_in_s: 0", "tools[1]"},
+      {"kind: scalpel", "cut_button: 32", "cut_button"},
+      {"device:", "device:\n  model: hammer", "device.model"},
+      {"device:", "device:\n  mass_kg: 0", "device"},
+      {"device:", "device:\n  swap_button: 40", "swap_button"},
+      {"{time_s: 1,", "{time_s: 0,", "device"},
+      {"[0.024, 0.024, 0.03]", "[0.024, 0.024, 3]", "device"},
+      {"buttons: [0, 3]", "buttons: [77]", "buttons"},
+      {"buttons: [0, 3]", "orientation_xyzw: [0, 0, 0, 0]", "orientation_xyzw"}};
+  for (const Case& c : cases) {
+    const std::string error = errorWith(c.from, c.to);
+    EXPECT_NE(error.find(c.field), std::string::npos) << c.to << " gave: " << error;
+  }
+}
+
+TEST(Scene, RefusesTextThatIsNoScene) {
+  EXPECT_NE(errorOf("a: [1, 2").find("scene.yaml:"), std::string::npos);
+  EXPECT_NE(errorOf("- 1\n- 2\n").find("mapping"), std::string::npos);
+  EXPECT_NE(errorOf("").find("mapping"), std::string::npos);
+  EXPECT_THROW(loadScene("/no/such/scene.yaml"), SceneError);
+}
+
+TEST(Scene, ShippedScenesLoad) {
+  setenv("SOFT_VOLUME_CACHE", "/cache", 1);
+  int loaded = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(SOFT_VOLUME_SOURCE_DIR "/config/scenes")) {
+    const Scene scene = loadScene(entry.path().string());
+    EXPECT_EQ(scene.volume.file.find("${"), std::string::npos);
+    EXPECT_FALSE(scene.rendering.cameras.empty());
+    ++loaded;
+  }
+  EXPECT_GE(loaded, 2);
+}
+
+TEST(Scene, ReadsItsVolumesWithRegionAndStride) {
+  const std::filesystem::path folder = std::filesystem::temp_directory_path() / "soft_volume scene test";
+  std::filesystem::create_directories(folder);
+  writeMetaImage(*smallVolume(), (folder / "block.mha").string());
+  const std::string text = replaced(smallSceneText(), "file: block.mha",
+                                    "file: block.mha\n  labels: block.mha\n  begin: [4, 0, 0]\n  stride: [2, 1, 1]");
+  const SceneVolumes volumes = readVolumes(parseScene(text, "scene", folder.string()));
+  EXPECT_EQ(volumes.volume->geometry().dims, Vector3i(10, 24, 24));
+  ASSERT_NE(volumes.labels, nullptr);
+  const std::string outside = replaced(smallSceneText(), "file: block.mha", "file: block.mha\n  begin: [24, 0, 0]");
+  EXPECT_THROW(readVolumes(parseScene(outside, "scene", folder.string())), SceneError);
+  std::filesystem::remove_all(folder);
+  EXPECT_THROW(readVolumes(smallScene()), FileError);
+}
+
+}  // namespace
+}  // namespace soft_volume::core
