@@ -1,0 +1,186 @@
+#include "bag_records.h"
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <vector>
+
+#include "soft_volume/replay/replay_bag.h"
+
+namespace soft_volume {
+namespace {
+
+constexpr char kMagic[] = "#ROSBAG V2.0\n";
+constexpr std::uint32_t kLargestHeader = 64 << 20;
+// Record types.
+constexpr std::uint8_t kFileHeader = 3;
+constexpr std::uint8_t kIndex = 4;
+constexpr std::uint8_t kChunk = 5;
+constexpr std::uint32_t kIndexEntryBytes = 12;
+/// lz4 cannot pack better than 255 to 1; the rest is its frame.
+constexpr std::uint64_t kLargestRatio = 256;
+
+using Fields = std::map<std::string, std::string>;
+
+class RecordReader {
+ public:
+  explicit RecordReader(const std::string& path) : path_(path), file_(path, std::ios::binary) {
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(path, error))
+      throw ReplayError(path + ": there is no such bag file");
+    size_ = std::filesystem::file_size(path, error);
+    if (!file_ || error)
+      throw ReplayError(path + ": the bag cannot be read");
+    if (size_ == 0)
+      throw ReplayError(path + ": the file is empty");
+  }
+
+  BagRecords walk() {
+    readMagic();
+    readFileHeader();
+    while (position_ < size_)
+      readRecord();
+    return {size_, largest_chunk_};
+  }
+
+ private:
+  [[noreturn]] void damaged(const std::string& what) const {
+    throw ReplayError(path_ + ": the bag is damaged or cut short at byte " + std::to_string(position_) + " (" + what +
+                      "); `rosbag reindex` may save what comes before");
+  }
+
+  void readMagic() {
+    std::string magic(sizeof(kMagic) - 1, '\0');
+    file_.read(magic.data(), static_cast<std::streamsize>(magic.size()));
+    if (magic.compare(0, 8, kMagic, 8) != 0)
+      throw ReplayError(path_ + ": this is not a bag");
+    if (magic != kMagic)
+      throw ReplayError(path_ + ": only bags of format 2.0 can be read; `rosbag fix` converts older ones");
+    position_ = magic.size();
+  }
+
+  void readFileHeader() {
+    const Fields fields = readHeader();
+    if (number<std::uint8_t>(fields, "op") != kFileHeader)
+      damaged("it has no file header");
+    const auto index_position = number<std::uint64_t>(fields, "index_pos");
+    skip(readNumber());
+    if (index_position == 0) {
+      throw ReplayError(path_ + ": the bag has no index, its recorder was killed; run `rosbag reindex '" + path_ +
+                        "'` first");
+    }
+    if (index_position > size_)
+      damaged("its index is missing");
+  }
+
+  void readRecord() {
+    const Fields fields = readHeader();
+    const auto type = number<std::uint8_t>(fields, "op");
+    const std::uint32_t data_bytes = readNumber();
+    if (data_bytes > size_ - position_)
+      damaged("a record is longer than the file");
+    if (type == kChunk)
+      checkChunk(fields, data_bytes);
+    if (type == kIndex) {
+      checkIndex(fields, data_bytes);
+    } else {
+      skip(data_bytes);
+    }
+  }
+
+  void checkChunk(const Fields& fields, std::uint32_t data_bytes) {
+    chunk_bytes_ = number<std::uint32_t>(fields, "size");
+    const auto compression = fields.find("compression");
+    if (compression == fields.end())
+      damaged("a chunk does not say how it is compressed");
+    const bool fits = compression->second == "bz2" || (compression->second == "none" && chunk_bytes_ == data_bytes) ||
+                      (compression->second == "lz4" && chunk_bytes_ <= kLargestRatio * data_bytes);
+    if (!fits)
+      damaged("a chunk's size cannot be right");
+    largest_chunk_ = std::max<std::uint64_t>(largest_chunk_, chunk_bytes_);
+  }
+
+  void checkIndex(const Fields& fields, std::uint32_t data_bytes) {
+    const auto count = number<std::uint32_t>(fields, "count");
+    if (data_bytes != std::uint64_t(count) * kIndexEntryBytes)
+      damaged("an index has a wrong size");
+    std::vector<char> data(data_bytes);
+    read(data.data(), data_bytes);
+    for (std::uint32_t n = 0; n < count; ++n) {
+      std::uint32_t offset = 0;
+      std::memcpy(&offset, data.data() + n * kIndexEntryBytes + 8, sizeof(offset));
+      if (offset >= chunk_bytes_)
+        damaged("an index points outside its chunk");
+    }
+  }
+
+  Fields readHeader() {
+    const std::uint32_t bytes = readNumber();
+    if (bytes > kLargestHeader || bytes > size_ - position_)
+      damaged("a header is longer than the file");
+    std::string text(bytes, '\0');
+    read(text.data(), bytes);
+    Fields fields;
+    for (std::size_t at = 0; at < text.size();) {
+      std::uint32_t length = 0;
+      if (text.size() - at < sizeof(length))
+        damaged("a header does not end where it should");
+      std::memcpy(&length, text.data() + at, sizeof(length));
+      at += sizeof(length);
+      const std::size_t equals = text.find('=', at);
+      if (length > text.size() - at || equals >= at + length)
+        damaged("a header field is not complete");
+      fields[text.substr(at, equals - at)] = text.substr(equals + 1, at + length - equals - 1);
+      at += length;
+    }
+    return fields;
+  }
+
+  template <typename T>
+  T number(const Fields& fields, const char* name) const {
+    const auto field = fields.find(name);
+    if (field == fields.end() || field->second.size() != sizeof(T))
+      damaged(std::string("no field ") + name);
+    T value;
+    std::memcpy(&value, field->second.data(), sizeof(T));
+    return value;
+  }
+
+  std::uint32_t readNumber() {
+    std::uint32_t value = 0;
+    read(reinterpret_cast<char*>(&value), sizeof(value));
+    return value;
+  }
+
+  void read(char* data, std::uint64_t bytes) {
+    if (bytes > size_ - position_)
+      damaged("the file ends within a record");
+    file_.read(data, static_cast<std::streamsize>(bytes));
+    if (!file_)
+      damaged("it cannot be read");
+    position_ += bytes;
+  }
+
+  void skip(std::uint64_t bytes) {
+    if (bytes > size_ - position_)
+      damaged("the file ends within a record");
+    file_.seekg(static_cast<std::streamoff>(bytes), std::ios::cur);
+    position_ += bytes;
+  }
+
+  std::string path_;
+  std::ifstream file_;
+  std::uint64_t size_ = 0;
+  std::uint64_t position_ = 0;
+  std::uint32_t chunk_bytes_ = 0;
+  std::uint64_t largest_chunk_ = 0;
+};
+
+}  // namespace
+
+BagRecords checkBagRecords(const std::string& path) {
+  return RecordReader(path).walk();
+}
+
+}  // namespace soft_volume

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <sensor_msgs/Image.h>
+#include <soft_volume/RenderStats.h>
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "bag_contents.h"
+#include "soft_volume/render/slice_renderer.h"
+#include "soft_volume/session/session.h"
+
+namespace soft_volume {
+
+/// Renders the recorded frames again and compares them.
+class FrameReplay {
+ public:
+  FrameReplay(BagContents& contents, const ReplayOptions& options, ReplayReport& report);
+
+  /// Forgets the session before.
+  void begin() { drawn_session_ = 0; }
+  /// Draws what `stats` describes from the session's state now, which is of that step and revision.
+  std::optional<ReplayDifference> check(const core::Session& session, const RenderStats& stats);
+
+ private:
+  core::Image render(const core::Session& session, const RenderStats& stats);
+  void updateRenderer(const core::Session& session);
+  void writeFrame(const RenderStats& stats, const core::Image& image);
+  std::optional<sensor_msgs::Image> findRecorded(const RenderStats& stats);
+  std::optional<ReplayDifference> compareExactly(const core::Image& image, const RenderStats& stats,
+                                                 const std::optional<sensor_msgs::Image>& recorded) const;
+  std::optional<ReplayDifference> compareByPsnr(const core::Image& image, const RenderStats& stats,
+                                                const std::optional<sensor_msgs::Image>& recorded);
+
+  BagContents* contents_;
+  const ReplayOptions* options_;
+  ReplayReport* report_;
+  std::unique_ptr<core::SliceRenderer> renderer_;
+  std::uint64_t drawn_session_ = 0;
+  std::uint32_t drawn_revision_ = 0;
+  std::map<std::string, int> written_;  ///< frame files by name, and how often the name was wanted
+};
+
+}  // namespace soft_volume
