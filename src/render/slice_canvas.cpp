@@ -41,7 +41,8 @@ void main() {
 }
 )";
 
-/// Compiled twice, behind a version line and, for depth, "#define DEPTH".
+/// Compiled with and without each of DEPTH and SHADED: software drivers run both sides of an if, so that a switch at
+/// run time would save nothing.
 ///
 /// A slice stands for the slab around it. Its scalar is taken as linear between the values where the ray enters and
 /// leaves the slab, so that narrow peaks of the transfer function and the edges of tissue are not stepped over.
@@ -118,7 +119,9 @@ void main() {
   float way = slice_distance * sqrt(1.0 + dot(slope, slope));
   float opacity = 1.0 - exp2(-material.a * way);
   vec3 lit = material.rgb;
-  if (shading > 0.0) lit *= brightness(gradientAt(front, back, slope));
+#ifdef SHADED
+  lit *= brightness(gradientAt(front, back, slope));
+#endif
   colour = vec4(min(lit, 1.0) * opacity, opacity);
 #ifdef DEPTH
   float before = texelFetch(accumulated, ivec2(gl_FragCoord.xy), 0).a;
@@ -181,10 +184,15 @@ double meanSpacing(const VolumeGeometry& geometry) {
   return std::cbrt(geometry.spacing_m.prod());
 }
 
+std::string fragmentSource(bool depth, bool shaded) {
+  const std::string switches = std::string(depth ? "#define DEPTH\n" : "") + (shaded ? "#define SHADED\n" : "");
+  return "#version 450 core\n" + switches + kFragmentShader;
+}
+
 }  // namespace
 
 struct SliceCanvas::Program {
-  Program(const GlFunctions& gl, const char* head) : id(link(gl, std::string(head) + kFragmentShader)), gl_(gl) {}
+  Program(const GlFunctions& gl, bool depth, bool shaded) : id(link(gl, fragmentSource(depth, shaded))), gl_(gl) {}
   GLint operator[](const char* uniform) const { return gl_.GetUniformLocation(id, uniform); }
   const GLuint id;
 
@@ -195,8 +203,11 @@ struct SliceCanvas::Program {
 SliceCanvas::SliceCanvas() {
   const GlContext::Current current(context_);
   const GlFunctions& gl = context_.gl();
-  colour_program_ = std::make_unique<Program>(gl, "#version 450 core\n");
-  depth_program_ = std::make_unique<Program>(gl, "#version 450 core\n#define DEPTH\n");
+  for (const bool depth : {false, true}) {
+    for (const bool shaded : {false, true}) {
+      programs_[programIndex(depth, shaded)] = std::make_unique<Program>(gl, depth, shaded);
+    }
+  }
   volume_texture_ = makeTexture(gl, GL_TEXTURE_3D, GL_LINEAR);
   table_texture_ = makeTexture(gl, GL_TEXTURE_1D, GL_NEAREST);
   integral_texture_ = makeTexture(gl, GL_TEXTURE_1D, GL_LINEAR);
@@ -211,8 +222,8 @@ SliceCanvas::SliceCanvas() {
 SliceCanvas::~SliceCanvas() {
   const GlContext::Current current(context_);
   const GlFunctions& gl = context_.gl();
-  gl.DeleteProgram(colour_program_->id);
-  gl.DeleteProgram(depth_program_->id);
+  for (const auto& program : programs_)
+    gl.DeleteProgram(program->id);
   for (const GLuint texture : {volume_texture_, table_texture_, integral_texture_, colour_target_, depth_target_}) {
     gl.DeleteTextures(1, &texture);
   }
@@ -380,7 +391,7 @@ void SliceCanvas::read(Frame& frame, bool depth) {
 Frame SliceCanvas::draw(const Camera& camera, const SliceMesh& mesh, double slice_distance_m,
                         const RenderOptions& options) {
   const GlContext::Current current(context_);
-  const Program& program = options.depth ? *depth_program_ : *colour_program_;
+  const Program& program = *programs_[programIndex(options.depth, options.shading > 0.0)];
   resize(camera.width, camera.height);
   bindTextures();
   upload(mesh);

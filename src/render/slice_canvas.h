@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -12,8 +14,8 @@
 
 namespace soft_volume::core {
 
-/// Everything of the slice renderer that talks to OpenGL: the textures, the two programs (with and without depth) and
-/// the float32 targets. Knows no grid. Same thread rules as GlContext.
+/// Everything of the slice renderer that talks to OpenGL: the textures, the programs (with and without depth and light)
+/// and the float32 targets. Knows no grid. Same thread rules as GlContext.
 class SliceCanvas {
  public:
   SliceCanvas();
@@ -31,6 +33,7 @@ class SliceCanvas {
 
  private:
   struct Program;
+  static std::size_t programIndex(bool depth, bool shaded) { return std::size_t(depth) + 2 * std::size_t(shaded); }
   void resize(int width, int height);
   void upload(const SliceMesh& mesh);
   void setUniforms(const Program& program, const Camera& camera, double slice_distance_m, const RenderOptions& options);
@@ -40,8 +43,7 @@ class SliceCanvas {
   void read(Frame& frame, bool depth);
 
   GlContext context_;
-  std::unique_ptr<Program> colour_program_;
-  std::unique_ptr<Program> depth_program_;
+  std::array<std::unique_ptr<Program>, 4> programs_;
   GLuint volume_texture_ = 0;
   GLuint table_texture_ = 0;
   GLuint integral_texture_ = 0;

@@ -17,7 +17,8 @@ struct RenderOptions {
   /// Planes over the depth of the grid at rest, 1 to 4096. A deformed grid that is deeper gets more of the same
   /// distance.
   int slices = 125;
-  /// 0 draws the transfer function's colours as they are, 1 with the full light; [0, 1].
+  /// 0 draws the transfer function's colours as they are, in about two thirds of the time, 1 with the full light; [0,
+  /// 1].
   double shading = 0.7;
   /// Also compute depth, for about a quarter more time.
   bool depth = false;
