@@ -24,6 +24,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+/// A state may come before its topology, but not by this much.
+constexpr double kTopologyPatience_s = 1.0;
+
 double millisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
@@ -177,7 +180,8 @@ void RendererNode::hearTopology(const GridTopology::ConstPtr& message) {
     const std::lock_guard<std::mutex> lock(mutex_);
     decoder_.expect(topology->session, topology->revision, topology->rest_positions);
     topology_ = std::move(topology);
-    if (early_state_) applyState(*std::exchange(early_state_, nullptr));
+    topology_step_ = message->step;
+    if (early_state_ && !isEarly(*early_state_)) applyState(*std::exchange(early_state_, nullptr));
   } catch (const core::Error& error) {
     incidents_.report(topics::kTopology, error.what());
   }
@@ -186,18 +190,36 @@ void RendererNode::hearTopology(const GridTopology::ConstPtr& message) {
 void RendererNode::hearState(const GridState::ConstPtr& message) {
   try {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const bool early = !topology_ || message->session != topology_->session || message->revision > topology_->revision;
-    if (early) {
-      // Topics are not ordered among each other: the topology is on its way. Key frames alone are worth waiting for.
-      if (message->key_frame) early_state_ = message;
+    if (isEarly(*message)) {
+      keepEarly(message);
       return;
     }
-    if (message->revision < topology_->revision) return;  // overtaken by an incision
+    const bool overtaken = message->revision < topology_->revision && message->step < topology_step_;
+    if (overtaken) return;  // by an incision
     applyState(*message);
   } catch (const core::Error& error) {
     incidents_.report(topics::kState, error.what());
   }
   wake_.notify_all();
+}
+
+/// Needs the lock.
+bool RendererNode::isEarly(const GridState& state) const {
+  return !topology_ || state.session != topology_->session || state.revision > topology_->revision;
+}
+
+/// Topics are not ordered among each other: the topology is on its way. Key frames alone are worth waiting for, and not
+/// for ever. Needs the lock.
+void RendererNode::keepEarly(const GridState::ConstPtr& message) {
+  const ros::WallTime now = ros::WallTime::now();
+  if (early_state_ && topology_ && now - early_since_ > ros::WallDuration(kTopologyPatience_s)) {
+    incidents_.report(topics::kState, "the topology of session " + std::to_string(early_state_->session) +
+                                          ", revision " + std::to_string(early_state_->revision) + " does not come");
+    early_state_.reset();
+  }
+  if (!message->key_frame) return;
+  if (!early_state_) early_since_ = now;
+  early_state_ = message;
 }
 
 /// Needs the lock.

@@ -26,6 +26,10 @@ namespace {
 /// A tool that said nothing for this long gets no patches.
 constexpr double kToolSilence_s = 0.5;
 constexpr double kJournalInterval_s = 0.02;
+/// With simulated time the simulation runs at most this far ahead of the tools, well below the age at which a tool
+/// takes a pose for stale; a tool that stays behind for longer than the timeout is not waited for any more.
+constexpr double kToolLead_s = 0.01;
+constexpr std::chrono::milliseconds kToolTimeout(200);
 /// A device delivers at most some thousand inputs a second; more than this at once is a fault, not a hand.
 constexpr std::size_t kMaxQueuedInputs = 100000;
 constexpr std::size_t kMaxLaterInputs = 10000;
@@ -199,7 +203,8 @@ void SimulationNode::hearTool(const ToolState::ConstPtr& message) {
     return;
   }
   const std::lock_guard<std::mutex> lock(mutex_);
-  patch_requests_[message->tool_id] = {point, message->patch_radius, ros::WallTime::now()};
+  patch_requests_[message->tool_id] = {point, message->patch_radius, message->header.stamp, ros::WallTime::now()};
+  wake_.notify_all();
 }
 
 /// Runs `work` in the simulation's thread between two steps and waits for it; false when the node is shutting down.
@@ -226,8 +231,11 @@ void SimulationNode::run() {
     runCommands();
     if (mayStep()) {
       waitForDueTime();
+      waitForTools();
       applyInputs();
       advance();
+    } else if (key_frame_wanted_) {
+      publishState(true);  // somebody joined, and no step will bring a state
     }
     if (Clock::now() - stats_time_ >= std::chrono::seconds(1)) publishStats();
     if (stop_after_s_ > 0.0 && session_->simulationTime() >= stop_after_s_) {
@@ -264,6 +272,21 @@ void SimulationNode::waitForDueTime() {
     std::this_thread::sleep_until(due_);
   } else if (now - due_ > std::chrono::milliseconds(100)) {
     due_ = now;  // too slow for the wished factor: do not race to make up for it later
+  }
+}
+
+/// With simulated time a slow machine slows the simulation down instead of starving the hand.
+void SimulationNode::waitForTools() {
+  if (!publish_clock_) return;
+  const ros::Time needed = stampNow() - ros::Duration(kToolLead_s);
+  const auto behind = [&needed](const auto& entry) { return entry.second.stamp < needed; };
+  std::unique_lock<std::mutex> lock(mutex_);
+  const bool caught_up = wake_.wait_for(lock, kToolTimeout, [&] {
+    return !running_ || std::none_of(patch_requests_.begin(), patch_requests_.end(), behind);
+  });
+  if (caught_up) return;
+  for (auto it = patch_requests_.begin(); it != patch_requests_.end();) {
+    it = behind(*it) ? patch_requests_.erase(it) : std::next(it);
   }
 }
 

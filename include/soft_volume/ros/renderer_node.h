@@ -77,6 +77,8 @@ class RendererNode {
   void hearState(const GridState::ConstPtr& message);
   void hearView(const std::shared_ptr<CameraChannel>& channel, const geometry_msgs::PoseStamped& message);
   std::shared_ptr<CameraChannel> openCamera(const core::CameraSettings& settings);
+  bool isEarly(const GridState& state) const;
+  void keepEarly(const GridState::ConstPtr& message);
   void applyState(const GridState& message);
 
   // Drawing thread.
@@ -104,7 +106,9 @@ class RendererNode {
   std::shared_ptr<const core::Volume> volume_;
   std::shared_ptr<const core::Topology> topology_;
   core::StateDecoder decoder_;
-  GridState::ConstPtr early_state_;  ///< came before its topology
+  std::uint64_t topology_step_ = 0;  ///< first step with the topology's revision
+  GridState::ConstPtr early_state_;  ///< key frame that came before its topology
+  ros::WallTime early_since_;
   std_msgs::Header state_header_;
   double state_time_s_ = 0.0;
   std::uint64_t state_number_ = 0;

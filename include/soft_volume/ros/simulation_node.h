@@ -38,6 +38,9 @@ namespace soft_volume {
 /// fast as possible), ~publish_clock (false; be the source of /clock, for use_sim_time), ~start_paused (false),
 /// ~stop_after_s (0; shut down after so many simulated seconds), ~frame_id ("volume").
 ///
+/// With ~publish_clock the simulation waits for tools that fall behind simulated time by more than 10 ms (for at most
+/// 0.2 s), so that a slow machine slows everything down alike.
+///
 /// Stamps are those of the simulation: the ROS time at the start of the session plus the simulated time.
 ///
 /// Threads: callbacks only queue; one thread applies, steps and publishes, and services run in it between two steps.
@@ -61,6 +64,7 @@ class SimulationNode {
   struct PatchRequest {
     core::Vector3 point_m;
     double radius_m;
+    ros::Time stamp;  ///< of the pose
     ros::WallTime heard;
   };
 
@@ -78,6 +82,7 @@ class SimulationNode {
   void runCommands();
   bool mayStep();
   void waitForDueTime();
+  void waitForTools();
   void applyInputs();
   void applyInput(const Input& input);
   void advance();
