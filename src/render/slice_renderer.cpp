@@ -1,6 +1,7 @@
 #include "soft_volume/render/slice_renderer.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <optional>
 #include <string>
@@ -45,6 +46,20 @@ void requireOption(bool good, const char* name, double value, const char* range)
   if (!good)
     throw SceneError(std::string(name) + " is " + std::to_string(value) + ", use " + range);
 }
+
+class Stopwatch {
+ public:
+  /// Milliseconds since the last lap or the start.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double elapsed_ms = std::chrono::duration<double, std::milli>(now - start_).count();
+    start_ = now;
+    return elapsed_ms;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
 
 std::uint8_t toLevel(float colour) {
   return std::uint8_t(std::lround(std::clamp(colour, 0.0F, 1.0F) * 255.0F));
@@ -99,9 +114,17 @@ class SliceRenderer::Impl {
     camera.validate();
     options.validate();
     requireScene();
+    Stopwatch watch;
     const SlicePlanes planes = choosePlanes(camera, positions, options.slices);
+    const double transform_ms = watch.lap();
     const SliceMesh& mesh = slicer_.slice(camera, planes, skipped_);
-    return canvas_.draw(camera, mesh, planes.distance_m, options);
+    const double slice_ms = watch.lap();
+    Frame frame = canvas_.draw(camera, mesh, planes.distance_m, options);
+    frame.render_ms = watch.lap();
+    frame.slice_ms = slice_ms;
+    frame.transform_ms = transform_ms;
+    frame.cells = std::size_t(std::count(skipped_.begin(), skipped_.end(), 0));
+    return frame;
   }
 
   std::string driver() { return canvas_.driver(); }

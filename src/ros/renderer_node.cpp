@@ -318,8 +318,12 @@ void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
   stats.step = snapshot.step;
   stats.camera = channel.name;
   stats.pose = toPose(camera.T_volume_camera);
+  stats.cells = static_cast<std::uint32_t>(frame.cells);
   stats.polygons = static_cast<std::uint32_t>(frame.polygons);
   stats.slices = static_cast<std::uint32_t>(frame.slices);
+  stats.transform_ms = frame.transform_ms;
+  stats.slice_ms = frame.slice_ms;
+  stats.render_ms = frame.render_ms;
   publishFrame(channel, snapshot, camera, frame, stats);
   stats.total_ms = millisecondsSince(start);
   stats_publisher_.publish(stats);

@@ -13,7 +13,7 @@ namespace soft_volume::core {
 struct TransferFunction {
   struct Point {
     double value = 0.0;                  ///< scalar in the volume's own units
-    Vector3f colour = Vector3f::Zero();  ///< linear RGB in [0, 1], not premultiplied
+    Vector3f colour = Vector3f::Zero();  ///< RGB in [0, 1] as displayed, not premultiplied
     float opacity = 0.0F;                ///< in [0, 1] per unit distance
   };
   struct Sample {
