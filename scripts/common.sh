@@ -21,7 +21,13 @@ sv_stage() { printf '\n== %s (%s)\n' "$*" "$(date +%H:%M:%S)"; }
 
 # Prints one line for every tenth of a build, from make's percentages.
 sv_build_progress() {
-  awk '/^\[ *[0-9]+%\]/ { p = substr($0, 2) + 0; if (p >= next_p) { printf "  %3d %%\n", p; fflush(); next_p = p - p % 10 + 10 } }'
+  local line next=0
+  while IFS= read -r line; do
+    if [[ $line =~ ^\[\ *([0-9]+)%\] ]] && [ "${BASH_REMATCH[1]}" -ge "$next" ]; then
+      printf '  %3d %%\n' "${BASH_REMATCH[1]}"
+      next=$((BASH_REMATCH[1] / 10 * 10 + 10))
+    fi
+  done
 }
 
 # sv_cmake_build DIR [CMAKE OPTIONS...]: configures and builds DIR. A second caller waits for the first one, so that two

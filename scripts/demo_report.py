@@ -1,0 +1,258 @@
+#!/usr/bin/env python3
+"""Makes pictures, video, contact sheet and summary from a demo's bag and its replay. A part of scripts/demo.
+
+Reads DIR/demo.bag and DIR/replay.json; writes DIR/frames/CAMERA_STEP.png, DIR/demo.mp4, DIR/contact_sheet.png and
+DIR/summary.json. Exits with 1 when the replay was not identical or something could not be made.
+"""
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+
+import rosbag
+from PIL import Image, ImageDraw, ImageFont
+
+FONT = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
+VIDEO_RATE_HZ = 10
+
+
+class Failure(Exception):
+    pass
+
+
+class Frame:
+    """An image of the bag, kept as a file once it is written."""
+
+    def __init__(self, message, camera, step):
+        self.time_s = message.header.stamp.to_sec()
+        self.camera, self.step = camera, step
+        self.size = (message.width, message.height)
+        self.path = None
+        self.digest = hashlib.sha256(bytes(message.data)).digest()
+
+    def rgb(self):
+        return Image.open(self.path).convert("RGB")
+
+
+def write_frames(bag, folder, steps):
+    """Writes every image; `steps` maps (camera, stamp) to the step that render/stats states."""
+    os.makedirs(folder, exist_ok=True)
+    topics = [topic for topic in bag.get_type_and_topic_info().topics if topic.endswith("/image_raw")]
+    total = sum(bag.get_message_count(topic) for topic in topics)
+    frames = []
+    for topic, message, _ in bag.read_messages(topics=topics):
+        camera = topic.rsplit("/", 2)[-2]
+        if message.encoding != "rgb8" or len(message.data) != 3 * message.width * message.height:
+            raise Failure(f"{topic} has an image that is not rgb8")
+        frame = Frame(message, camera, steps.get((camera, message.header.stamp), 0))
+        frame.path = os.path.join(folder, f"{camera}_{frame.step:08d}.png")
+        Image.frombytes("RGB", frame.size, bytes(message.data)).save(frame.path, compress_level=3)
+        frames.append(frame)
+        show("frames", len(frames), total)
+    return sorted(frames, key=lambda frame: (frame.camera, frame.time_s))
+
+
+def show(what, done, total):
+    if sys.stdout.isatty():
+        print(f"\r  {what}: {done} of {total}   ", end="\n" if done == total else "", flush=True)
+    elif done == total:
+        print(f"  {what}: {done}", flush=True)
+
+
+def write_video(frames, path):
+    """At the speed of simulated time: every picture of the video shows the newest frame of its moment."""
+    width, height = frames[0].size
+    command = ["ffmpeg", "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
+               "-r", str(VIDEO_RATE_HZ), "-i", "-", "-c:v", "libx264", "-crf", "20",
+               "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", path]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as ffmpeg:
+        count = 1 + int((frames[-1].time_s - frames[0].time_s) * VIDEO_RATE_HZ)
+        shown, pixels = 0, frames[0].rgb().tobytes()
+        for n in range(count):
+            moment = frames[0].time_s + n / VIDEO_RATE_HZ + 1e-6
+            newest = shown
+            while newest + 1 < len(frames) and frames[newest + 1].time_s <= moment:
+                newest += 1
+            if newest != shown:
+                shown, pixels = newest, frames[newest].rgb().tobytes()
+            ffmpeg.stdin.write(pixels)
+        ffmpeg.stdin.close()
+    if ffmpeg.returncode != 0:
+        raise Failure("ffmpeg could not make the video")
+
+
+class Run:
+    """What the messages of a bag say about the run; times are stamps, in simulated seconds."""
+
+    def __init__(self, bag):
+        self.stats = self.messages(bag, "/simulation/stats")
+        self.render_stats = self.messages(bag, "/render/stats")
+        self.cut_times_s = [m.header.stamp.to_sec() for m in self.messages(bag, "/tool/cut")]
+        self.forces = [(m.header.stamp.to_sec(), math.hypot(m.force.x, m.force.y, m.force.z))
+                       for m in self.messages(bag, "/tool/force")]
+        self.contact_times_s = [time_s for time_s, force_n in self.forces if force_n > 0.0]
+        if not self.stats:
+            raise Failure("the bag has no simulation/stats")
+
+    @staticmethod
+    def messages(bag, topic):
+        return [message for _, message, _ in bag.read_messages(topics=[topic])]
+
+    def real_time_factor(self):
+        """Simulated time over wall time, of the time in which the simulation ran."""
+        simulated = wall = 0.0
+        for before, after in zip(self.stats, self.stats[1:]):
+            if after.real_time_factor > 0.0 and not before.paused:
+                simulated += after.simulation_time - before.simulation_time
+                wall += (after.simulation_time - before.simulation_time) / after.real_time_factor
+        return simulated / wall if wall > 0.0 else 0.0
+
+    def deepest_time_s(self):
+        """When the tissue was pushed farthest before it was cut; None when it never was pushed."""
+        end_s = self.cut_times_s[0] if self.cut_times_s else math.inf
+        pushed = [m for m in self.stats if m.header.stamp.to_sec() < end_s and m.max_displacement > 0.001]
+        return max(pushed, key=lambda m: m.max_displacement).header.stamp.to_sec() if pushed else None
+
+
+def nearest(frames, time_s):
+    return min(frames, key=lambda frame: abs(frame.time_s - time_s))
+
+
+def last_until(frames, time_s):
+    return max((frame for frame in frames if frame.time_s <= time_s), key=lambda frame: frame.time_s, default=frames[0])
+
+
+def choose_moments(run, frames):
+    """(caption, frame) of what happened, in order; a run that ends early has fewer."""
+    first_s, end_s = frames[0].time_s, frames[-1].time_s
+    contact_s = run.contact_times_s[0] if run.contact_times_s else end_s
+    moments = [("before", last_until(frames, max(first_s, contact_s)))]
+    deepest_s = run.deepest_time_s()
+    if deepest_s is not None:
+        moments.append(("poked", nearest(frames, deepest_s)))
+    if run.cut_times_s:
+        cut_s, cut_end_s = run.cut_times_s[0], run.cut_times_s[-1]
+        if deepest_s is not None:
+            moments.append(("released", last_until(frames, scalpel_touch_s(run, deepest_s, cut_s))))
+        moments.append(("cut", nearest(frames, 0.5 * (cut_s + cut_end_s))))
+        if end_s > cut_end_s:
+            moments.append(("opened", frames[-1]))
+    return moments
+
+
+def scalpel_touch_s(run, deepest_s, cut_s):
+    """The end of the longest pause in touching the tissue between the poke and the cut."""
+    times_s = [deepest_s] + [t for t in run.contact_times_s if deepest_s < t < cut_s] + [cut_s]
+    return max(zip(times_s, times_s[1:]), key=lambda pair: pair[1] - pair[0])[1]
+
+
+def write_sheet(moments, start_s, path):
+    width, height = moments[0][1].size
+    bar, gap = 34, 6
+    font = ImageFont.truetype(FONT, 20)
+    columns = min(3, len(moments))
+    rows = -(-len(moments) // columns)
+    sheet = Image.new("RGB", (columns * (width + gap) + gap, rows * (height + bar + gap) + gap), "white")
+    draw = ImageDraw.Draw(sheet)
+    for n, (caption, frame) in enumerate(moments):
+        x, y = gap + (n % columns) * (width + gap), gap + (n // columns) * (height + bar + gap)
+        sheet.paste(frame.rgb(), (x, y))
+        draw.text((x + 4, y + height + 4), f"{caption}, {frame.time_s - start_s:.1f} s", fill="black", font=font)
+    sheet.save(path)
+
+
+def summarize(run, bag, frames, replay):
+    last = run.stats[-1]
+    duration_s = last.simulation_time
+    drawn = {}
+    for message in run.render_stats:
+        drawn[message.camera] = message
+    ran = [m for m in run.stats if m.step_ms_median > 0.0]
+    return {
+        "seconds": duration_s,
+        "sim_steps": last.step,
+        "dt_s": last.dt,
+        "cells": last.cells,
+        "vertices": last.vertices,
+        "active_cells_max": last.active_cells_max,
+        "real_time_factor": round(run.real_time_factor(), 4),
+        "step_ms_median": round(statistics.median(m.step_ms_median for m in ran), 4) if ran else 0.0,
+        "states_published": last.states_published,
+        "frames_published": sum(m.frames_published for m in drawn.values()),
+        "frames_skipped": sum(m.frames_skipped for m in drawn.values()),
+        "frames_recorded": len(frames),
+        "distinct_frames": len({frame.digest for frame in frames}),
+        "frame_size": list(frames[0].size),
+        "slices": min(m.slices for m in run.render_stats),
+        "render_ms_median": round(statistics.median(m.total_ms for m in run.render_stats), 2),
+        "renderer": run.render_stats[-1].renderer,
+        "max_displacement_m": last.max_displacement_ever,
+        "max_tool_force_n": max((force_n for _, force_n in run.forces), default=0.0),
+        "cut_opening_m": last.cut_opening_max,
+        "inputs_applied": last.inputs_applied,
+        "inputs_refused": last.inputs_refused,
+        "device_rate_hz": round(bag.get_message_count("/measured_cp") / duration_s, 1) if duration_s > 0.0 else 0.0,
+        "bag_bytes": os.path.getsize(bag.filename),
+        "replay_identical": bool(replay["identical"]) and not replay.get("error"),
+    }
+
+
+def print_summary(summary, replay, moments, folder):
+    s = summary
+    print(f"""
+  Simulation  {s['seconds']:g} s in {s['sim_steps']} steps of {1000 * s['dt_s']:g} ms at {s['real_time_factor']:.2f} of real time;
+              {s['cells']} cells, at most {s['active_cells_max']} active, {s['step_ms_median']:.2f} ms a step
+  Tissue      moved by up to {1000 * s['max_displacement_m']:.1f} mm under {s['max_tool_force_n']:.2f} N; the cut opened by {1000 * s['cut_opening_m']:.1f} mm
+  Frames      {s['frames_published']} drawn ({s['distinct_frames']} differ), {s['frames_skipped']} skipped; {s['slices']} slices, {s['render_ms_median']:.0f} ms each
+  Device      {s['device_rate_hz']:.0f} poses per simulated second
+  Bag         {s['bag_bytes'] / 1e6:.0f} MB; replayed: {'identical' if s['replay_identical'] else 'NOT IDENTICAL'}
+
+Look at:
+  {os.path.join(folder, 'contact_sheet.png')}   ({', '.join(caption for caption, _ in moments)})
+  {os.path.join(folder, 'demo.mp4')}
+  {os.path.join(folder, 'frames')}
+  {os.path.join(folder, 'summary.json')}
+  {os.path.join(folder, 'demo.bag')}""")
+    if not s["replay_identical"]:
+        print(f"\nreplay: {replay.get('error') or json.dumps(replay.get('first_difference'))}", file=sys.stderr)
+
+
+def report(folder):
+    with open(os.path.join(folder, "replay.json"), encoding="utf-8") as file:
+        replay = json.load(file)
+    with rosbag.Bag(os.path.join(folder, "demo.bag")) as bag:
+        run = Run(bag)
+        steps = {(m.camera, m.header.stamp): m.step for m in run.render_stats}
+        frames = write_frames(bag, os.path.join(folder, "frames"), steps)
+        if not frames:
+            raise Failure("the bag has no frame")
+        summary = summarize(run, bag, frames, replay)
+    shown = [frame for frame in frames if frame.camera == frames[0].camera]
+    write_video(shown, os.path.join(folder, "demo.mp4"))
+    moments = choose_moments(run, shown)
+    start_s = run.stats[-1].header.stamp.to_sec() - run.stats[-1].simulation_time
+    write_sheet(moments, start_s, os.path.join(folder, "contact_sheet.png"))
+    with open(os.path.join(folder, "summary.json"), "w", encoding="utf-8") as file:
+        json.dump(summary, file, indent=2)
+        file.write("\n")
+    print_summary(summary, replay, moments, folder)
+    return 0 if summary["replay_identical"] else 1
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", metavar="DIR", help="folder with demo.bag and replay.json")
+    try:
+        return report(parser.parse_args().folder)
+    except (Failure, OSError, ValueError, KeyError, rosbag.ROSBagException) as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
