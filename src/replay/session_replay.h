@@ -31,7 +31,7 @@ class SessionReplay {
  public:
   using Advance = std::function<void(double work)>;
   /// How long a frame takes, in steps; for the progress only.
-  static constexpr double kFrameWork = 100.0;
+  static constexpr double kFrameWork = 2000.0;
 
   SessionReplay(BagContents& contents, const SessionMessages& messages, const ReplayStart& start,
                 const ReplayOptions& options, FrameReplay& frames, Advance advance, ReplayReport& report);
