@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 """Makes pictures, video, contact sheet and summary from a demo's bag and its replay. A part of scripts/demo.
 
 Reads DIR/demo.bag and DIR/replay.json; writes DIR/frames/CAMERA_STEP.png, DIR/demo.mp4, DIR/contact_sheet.png and
@@ -28,9 +28,10 @@ class Failure(Exception):
 class Frame:
     """An image of the bag, kept as a file once it is written."""
 
-    def __init__(self, message, camera, step):
+    def __init__(self, message, camera, stats):
         self.time_s = message.header.stamp.to_sec()
-        self.camera, self.step = camera, step
+        self.camera = camera
+        self.step, self.revision = (stats.step, stats.revision) if stats else (0, 0)
         self.size = (message.width, message.height)
         self.path = None
         self.digest = hashlib.sha256(bytes(message.data)).digest()
@@ -39,8 +40,8 @@ class Frame:
         return Image.open(self.path).convert("RGB")
 
 
-def write_frames(bag, folder, steps):
-    """Writes every image; `steps` maps (camera, stamp) to the step that render/stats states."""
+def write_frames(bag, folder, stats):
+    """Writes every image; `stats` maps (camera, stamp) to the render/stats of it."""
     os.makedirs(folder, exist_ok=True)
     topics = [topic for topic in bag.get_type_and_topic_info().topics if topic.endswith("/image_raw")]
     total = sum(bag.get_message_count(topic) for topic in topics)
@@ -49,7 +50,7 @@ def write_frames(bag, folder, steps):
         camera = topic.rsplit("/", 2)[-2]
         if message.encoding != "rgb8" or len(message.data) != 3 * message.width * message.height:
             raise Failure(f"{topic} has an image that is not rgb8")
-        frame = Frame(message, camera, steps.get((camera, message.header.stamp), 0))
+        frame = Frame(message, camera, stats.get((camera, message.header.stamp)))
         frame.path = os.path.join(folder, f"{camera}_{frame.step:08d}.png")
         Image.frombytes("RGB", frame.size, bytes(message.data)).save(frame.path, compress_level=3)
         frames.append(frame)
@@ -139,10 +140,16 @@ def choose_moments(run, frames):
         cut_s, cut_end_s = run.cut_times_s[0], run.cut_times_s[-1]
         if deepest_s is not None:
             moments.append(("released", last_until(frames, scalpel_touch_s(run, deepest_s, cut_s))))
-        moments.append(("cut", nearest(frames, 0.5 * (cut_s + cut_end_s))))
+        moments.append(("cut", during_cut(frames)))
         if end_s > cut_end_s:
             moments.append(("opened", frames[-1]))
     return moments
+
+
+def during_cut(frames):
+    """Every cut that meets tissue makes a new revision of the grid: the frame with three quarters of them."""
+    wanted = frames[0].revision + 0.75 * (frames[-1].revision - frames[0].revision)
+    return min(frames, key=lambda frame: abs(frame.revision - wanted))
 
 
 def scalpel_touch_s(run, deepest_s, cut_s):
@@ -227,8 +234,8 @@ def report(folder):
         replay = json.load(file)
     with rosbag.Bag(os.path.join(folder, "demo.bag")) as bag:
         run = Run(bag)
-        steps = {(m.camera, m.header.stamp): m.step for m in run.render_stats}
-        frames = write_frames(bag, os.path.join(folder, "frames"), steps)
+        stats = {(m.camera, m.header.stamp): m for m in run.render_stats}
+        frames = write_frames(bag, os.path.join(folder, "frames"), stats)
         if not frames:
             raise Failure("the bag has no frame")
         summary = summarize(run, bag, frames, replay)

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 """Waits until the demo's graph is complete, lets the paused simulation go, and shows how far it is until it ends.
 
 A part of scripts/demo, in its ROS environment. Exits with 1 when a process ends too early or nothing moves.
