@@ -1,3 +1,4 @@
+# shellcheck shell=bash
 # Sourced by the scripts of this folder (bash): paths, messages, building, and a ROS graph of one's own.
 # Every name that it defines starts with sv_.
 
