@@ -412,5 +412,28 @@ TEST_F(Replay, DamagedBagsNeverCrashItAndAreNeverTakenForIdentical) {
   EXPECT_GT(found, kFlips / 2);
 }
 
+TEST_F(Replay, DamagedUncompressedBagsNeverCrashIt) {
+  // Without checksums a flip reaches every reader of the format and of the messages.
+  const std::string plain = other("plain.bag");
+  rewriteBag(
+      whole(), plain, [](RawMessage&) { return true; }, false);
+  std::ifstream in(plain, std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  std::mt19937 random(1997);
+  int found = 0;
+  for (int n = 0; n < 60; ++n) {
+    std::string damaged = bytes;
+    // Four bytes in a row, so that lengths and offsets become large.
+    const std::size_t at = random() % (damaged.size() - 4);
+    for (std::size_t b = at; b < at + 4; ++b)
+      damaged[b] = static_cast<char>(random());
+    std::ofstream(other(), std::ios::binary) << damaged;
+    const ProgramResult result = replay(other());
+    ASSERT_TRUE(result.code >= 0 && result.code <= 2) << "byte " << at << ": " << result.code << "\n" << result.output;
+    found += result.code != 0 ? 1 : 0;
+  }
+  EXPECT_GT(found, 30);
+}
+
 }  // namespace
 }  // namespace soft_volume

@@ -1,0 +1,107 @@
+#!/usr/bin/python3
+"""The recorder node: what it records of a run replays bit for bit, however the recorder ends."""
+
+import json
+import os
+import signal
+import subprocess
+
+import rosgraph
+import rospy
+from soft_volume.msg import RecorderStatus
+
+import graph
+
+
+class RecorderTest(graph.GraphTest):
+
+  def setUp(self):
+    super().setUp()
+    self.bag = os.path.join(self.folder, 'run.bag')
+
+  def startRecorder(self, **parameters):
+    recorder = self.start('recorder_node', file=self.bag, **parameters)
+    self.status = self.listen('recorder/status', RecorderStatus)
+    self.status.wait(lambda s: s.recording and s.file == self.bag, 'recording')
+    return recorder
+
+  @staticmethod
+  def listeners(topic):
+    return dict(rosgraph.Master(rospy.get_name()).getSystemState()[1]).get(topic, [])
+
+  def startSimulation(self, **parameters):
+    simulation = graph.Simulation(self, **parameters)
+    simulation.open_inputs()
+    for topic in ('simulation/journal', 'grid/state', 'tool/force', 'tool/cut'):
+      graph.wait_until(lambda: '/recorder' in self.listeners('/' + topic), 'recorder of ' + topic)
+    # The master knows a subscriber before its connections stand.
+    recorded = self.status.messages[-1].messages
+    simulation.step(1)
+    self.status.wait(lambda s: s.messages > recorded and s.step == 1, 'recorded journal')
+    return simulation
+
+  def replay(self, bag, code=0):
+    result = os.path.join(self.folder, 'result.json')
+    program = os.path.join(os.environ['SOFT_VOLUME_TEST_BIN'], 'soft_volume_replay')
+    done = subprocess.run([program, bag, '--check', '--json', result], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          universal_newlines=True, timeout=120)
+    self.assertEqual(done.returncode, code, done.stdout)
+    with open(result) as file:
+      return json.load(file)
+
+  def recordRun(self, ending):
+    recorder = self.startRecorder()
+    simulation = self.startSimulation()
+    simulation.push(sequence=1)
+    simulation.step(100)
+    simulation.push(sequence=2, force__x=float('nan'))
+    simulation.cut(sequence=1)
+    simulation.step(100)
+    simulation.reset()
+    simulation.push(sequence=1)
+    simulation.step(50)
+    self.status.wait(lambda s: s.session == simulation.session and s.step == 50, 'recording of the second session')
+    os.kill(recorder.process.pid, ending)
+    self.assertEqual(self.finish(recorder), 0, recorder.output())
+    self.assertFalse(os.path.exists(self.bag + '.active'))
+    result = self.replay(self.bag)
+    self.assertTrue(result['identical'])
+    self.assertEqual(result['sessions'], 2)
+    self.assertEqual(result['steps'], 251)
+    self.assertEqual(result['inputs_refused'], 1)
+    self.assertEqual(result['inputs_not_recorded'], 0)
+    self.assertGreater(result['states'], 3)
+    self.assertGreaterEqual(result['topologies'], 3)
+
+  def testARunThatEndsWithSigintReplays(self):
+    self.recordRun(signal.SIGINT)
+
+  def testARunThatEndsWithSigtermReplays(self):
+    self.recordRun(signal.SIGTERM)
+
+  def testAKilledRecorderLosesLessThanASecond(self):
+    recorder = self.startRecorder()
+    simulation = self.startSimulation(real_time_factor=1)
+    simulation.pause(False)
+    simulation.journals.wait(lambda j: j.step > 2500, 'running simulation')
+    self.kill(recorder)
+    last = simulation.journals.messages[-1].step
+    subprocess.check_call(['rosbag', 'reindex', '-q', '-f', self.bag + '.active'])
+    result = self.replay(self.bag + '.active')
+    self.assertTrue(result['identical'])
+    # One step is a millisecond, and the simulation runs in real time or slower.
+    self.assertGreater(result['steps'], last - 1000)
+
+  def testItStartsNotWithoutSpace(self):
+    recorder = self.start('recorder_node', file=self.bag, reserve_mib=2**30)
+    self.assertEqual(self.finish(recorder), 1)
+    self.assertIn('less than the reserve', recorder.output())
+
+  def testItNamesABadParameter(self):
+    recorder = self.start('recorder_node', file=self.bag, compression='zip')
+    self.assertEqual(self.finish(recorder), 1)
+    self.assertIn('must be lz4 or none', recorder.output())
+
+
+if __name__ == '__main__':
+  graph.run('recorder_graph_test')
