@@ -11,8 +11,11 @@ namespace soft_volume {
 template <typename Node>
 int runNode(int argc, char** argv, const char* name) {
   ros::init(argc, argv, name);
+  // When the last handle goes, ROS shuts down and nothing is logged any more: the reason below needs these two.
+  const ros::NodeHandle public_handle;
+  const ros::NodeHandle private_handle("~");
   try {
-    Node node(ros::NodeHandle(), ros::NodeHandle("~"));
+    Node node(public_handle, private_handle);
     ros::spin();
   } catch (const std::exception& error) {
     ROS_FATAL("%s", error.what());

@@ -1,0 +1,241 @@
+#!/usr/bin/python3
+"""Simulation, tool and device with simulated time: forces, dead devices, unusable poses."""
+
+import math
+
+import numpy
+import rospy
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from sensor_msgs.msg import Joy
+from soft_volume.msg import GridState, SimulationStats, ToolForce, ToolState
+from std_srvs.srv import Trigger
+
+import graph
+import phantom
+
+# A tenth of real time: 50 ms of a device are half a second of this machine, whatever else it does.
+SLOW = dict(start_paused='false', publish_clock='true', real_time_factor=0.1)
+
+
+def vector(v):
+  return numpy.array([v.x, v.y, v.z])
+
+
+class ToolTest(graph.GraphTest):
+
+  def setUp(self):
+    super().setUp()
+    self.servo = self.listen('servo_cf', WrenchStamped, keep=100000)
+    self.forces = self.listen('tool/force', ToolForce, keep=100000)
+    self.states = self.listen('tool/state', ToolState, keep=100000)
+
+  def startSimulation(self, **parameters):
+    self.simulation = graph.Simulation(self, **dict(SLOW, **parameters))
+    self.tool = self.start('tool_node')
+
+  def startDevice(self):
+    self.device = self.start('device_node', scene=self.folder + '/block.yaml')
+
+  def waitForPush(self, force_n=0.3):
+    self.servo.wait(lambda s: vector(s.wrench.force)[2] > force_n, 'push of %g N' % force_n)
+
+  def waitForZero(self, since_s, limit_s):
+    """Waits until the force on the device is zero; returns the ROS time that it took since `since_s`."""
+
+    def zero():
+      after = [(t, s) for t, s in self.servo.timed if t > since_s]
+      return next((t for t, s in after if not vector(s.wrench.force).any()), None)
+
+    return graph.wait_until(zero, 'zero force on the device', limit_s) - since_s
+
+
+class ScriptedHandTest(ToolTest):
+
+  def testTheForceOnTheDeviceOpposesThePush(self):
+    self.startSimulation()
+    grid = self.listen('grid/state', GridState)
+    poses = self.listen('measured_cp', PoseStamped, keep=100000)
+    twists = self.listen('measured_cv', TwistStamped, keep=100000)
+    buttons = self.listen('joy', Joy, keep=100000)
+    self.startDevice()
+    self.waitForPush()
+    state = grid.wait(lambda s: s.step > self.forces.messages[-1].step, 'state under the push')
+    # The hand went down and pushes down still: its velocity was never up by more than noise.
+    self.assertLess(min(t.twist.linear.z for t in twists.messages), -0.01)
+    forces = {f.header.stamp: vector(f.force) for f in self.forces.messages}
+    servos = {s.header.stamp: vector(s.wrench.force) for s in self.servo.messages}
+    both = sorted(set(forces) & set(servos))
+    self.assertGreater(len(both), 50)
+    push = numpy.array([0.0, 0.0, -1.0])
+    for stamp in both:
+      # Newton's third law, and never with the push.
+      numpy.testing.assert_allclose(forces[stamp], -servos[stamp], atol=1e-12)
+      self.assertLessEqual(servos[stamp].dot(push), 0.0)
+    self.assertLess(max(numpy.linalg.norm(f) for f in servos.values()), 3.3 + 1e-9)
+    # The tissue gave way.
+    rest = self.simulation.topologies.messages[-1].rest_positions
+    moves = [p.z - rest[v].z for v, p in zip(state.vertex_ids, state.positions)]
+    self.assertLess(min(moves), -0.001)
+    self.assertLess(max(moves), -0.3 * min(moves))
+    # What the simulation was told, it applied.
+    self.assertGreater(len(self.simulation.applied()), 50)
+    self.assertEqual([e.reason for e in self.simulation.refused()], [])
+    # One tick per millisecond of simulated time, none lost, in one frame.
+    stamps = numpy.array([p.header.stamp.to_nsec() for p in poses.messages])
+    self.assertTrue((numpy.diff(stamps) == 1000000).all())
+    self.assertEqual({p.header.frame_id for p in poses.messages}, {'volume'})
+    self.assertEqual({len(j.buttons) for j in buttons.messages}, {8})
+
+  def testADeadDeviceGoesToZeroForceAndTheTissueRecovers(self):
+    self.startSimulation()
+    stats = self.listen('simulation/stats', SimulationStats)
+    poses = self.listen('measured_cp', PoseStamped)
+    self.startDevice()
+    self.waitForPush()
+    self.kill(self.device)
+    last_pose_s = poses.messages[-1].header.stamp.to_sec()
+    self.assertLess(self.waitForZero(last_pose_s, 20.0), 0.05)
+    self.wait_for_warning('tool', 'no pose')
+    # It stays at zero, the tissue is told once, and it comes back.
+    end = self.forces.wait(lambda f: not vector(f.force).any(), 'zero force on the tissue')
+    self.assertEqual(self.forces.messages[-1].sequence, end.sequence)
+    pushed = max(s.max_displacement for s in stats.messages)
+    self.assertGreater(pushed, 0.0005)
+    stats.wait(lambda s: s is stats.messages[-1] and s.max_displacement < 0.3 * pushed, 'recovery')
+    self.assertFalse(vector(self.servo.messages[-1].wrench.force).any())
+    # A new device starts at zero and ramps in.
+    self.servo.clear()
+    self.startDevice()
+    self.waitForPush()
+    first = next(s for s in self.servo.messages if vector(s.wrench.force).any())
+    self.assertLess(numpy.linalg.norm(vector(first.wrench.force)), 0.05)
+
+  def testADeadToolStopsPushing(self):
+    self.startSimulation()
+    stats = self.listen('simulation/stats', SimulationStats)
+    self.startDevice()
+    self.waitForPush()
+    pushed = stats.wait(lambda s: s.max_displacement > 0.0005, 'push').max_displacement
+    self.kill(self.tool)
+    stats.wait(lambda s: s is stats.messages[-1] and s.max_displacement < 0.3 * pushed, 'recovery')
+    # Nobody sent a zero: the force expired by its hold_steps.
+    self.assertTrue(vector(self.forces.messages[-1].force).any())
+    self.tool = self.start('tool_node')
+    self.servo.clear()
+    self.waitForPush()
+
+  def testADeadSimulationGoesToZeroForceThoughTimeStandsStill(self):
+    self.startSimulation()
+    self.startDevice()
+    self.waitForPush()
+    self.kill(self.simulation.node)
+    self.servo.clear()
+    self.servo.wait(lambda s: not vector(s.wrench.force).any(), 'zero force', limit_s=10.0)
+
+  def testToolAndDeviceFollowAReset(self):
+    self.startSimulation()
+    self.startDevice()
+    self.waitForPush()
+    session = self.simulation.reset()
+    self.servo.clear()
+    self.states.wait(lambda s: s.session == session, 'tool in the new session')
+    self.waitForPush()
+    # The force starts at zero again in the new session.
+    first = self.forces.wait(lambda f: f.session == session, 'force in the new session')
+    self.assertLess(numpy.linalg.norm(vector(first.force)), 0.05)
+    graph.wait_until(lambda: [e for e in self.simulation.applied() if e.topic == 'tool/force'], 'applied force')
+
+
+class UnusablePoseTest(ToolTest):
+  """The test is the device, and the clock: it steps the simulation and sends a pose for every millisecond."""
+
+  def setUp(self):
+    super().setUp()
+    self.startSimulation(start_paused='true')
+    self.poses = self.publisher('measured_cp', PoseStamped)
+    self.depth_m = 0.004
+    self.time = self.simulation.step(1).header.stamp
+    self.hold(400)
+    self.assertGreater(self.force(), 0.2)
+
+  def hold(self, ticks, z=None, change=lambda pose: None):
+    """Holds the tip below the top face for so many milliseconds, each of which the tool answers."""
+    for _ in range(ticks):
+      self.time += rospy.Duration.from_sec(0.001)
+      pose = PoseStamped()
+      pose.header.stamp, pose.header.frame_id = self.time, 'volume'
+      pose.pose.position.x = pose.pose.position.y = 0.047
+      pose.pose.position.z = phantom.TOP_Z_M - self.depth_m if z is None else z
+      pose.pose.orientation.w = 1.0
+      change(pose)
+      self.poses.publish(pose)
+      self.simulation.step(1)
+
+  def force(self):
+    """Force on the device at the newest time that the tool has answered."""
+    rospy.rostime.wallsleep(0.1)
+    return numpy.linalg.norm(vector(self.servo.messages[-1].wrench.force))
+
+  def assertFalls(self, *reason):
+    """The force goes to zero though simulated time stands still, which is the harder case."""
+    self.servo.wait(lambda s: s is self.servo.messages[-1] and not vector(s.wrench.force).any(), 'zero force')
+    self.wait_for_warning('tool', *reason)
+    self.assertTrue(self.tool.alive())
+    self.assertTrue(self.simulation.node.alive())
+
+  def assertReturns(self):
+    self.hold(400)
+    self.assertGreater(self.force(), 0.2)
+
+  def testAPoseThatStops(self):
+    self.assertFalls('no pose')
+    self.assertTrue(self.states.messages[-1].pose_stale)
+    self.assertReturns()
+
+  def testAZeroStampIsNoPose(self):
+    self.hold(100, change=lambda pose: setattr(pose.header, 'stamp', rospy.Time()))
+    self.assertFalls('no pose')
+    self.assertReturns()
+
+  def testAPoseThatIsNotFinite(self):
+    self.hold(60, change=lambda pose: setattr(pose.pose.position, 'x', math.nan))
+    self.assertEqual(self.force(), 0.0)
+    self.wait_for_warning('tool', 'not finite')
+    self.assertTrue(self.states.messages[-1].pose_stale)
+    self.assertReturns()
+
+  def testAQuaternionOfZeros(self):
+    self.hold(60, change=lambda pose: setattr(pose.pose.orientation, 'w', 0.0))
+    self.assertEqual(self.force(), 0.0)
+    self.wait_for_warning('tool', 'quaternion')
+    self.assertReturns()
+
+  def testAPoseInAnotherFrame(self):
+    self.hold(60, change=lambda pose: setattr(pose.header, 'frame_id', 'base'))
+    self.assertFalls("'base'")
+    self.assertReturns()
+
+  def testAPoseThatJumps(self):
+    self.hold(1, z=phantom.TOP_Z_M + 0.05)
+    self.hold(60)
+    self.assertEqual(self.force(), 0.0)
+    self.assertTrue(self.states.messages[-1].tripped)
+    self.assertIn('speed limit', self.states.messages[-1].trip_reason)
+    self.wait_for_warning('tool', 'speed limit')
+    self.hold(400)  # it stays at zero until somebody has looked
+    self.assertEqual(self.force(), 0.0)
+    self.assertTrue(self.call('tool/reset', Trigger).success)
+    self.assertReturns()
+
+  def testAVelocityThatIsNotFinite(self):
+    velocities = self.publisher('measured_cv', TwistStamped)
+    twist = TwistStamped()
+    twist.header.stamp = self.time
+    twist.twist.linear.x = math.inf
+    velocities.publish(twist)
+    self.wait_for_warning('tool', 'measured_cv', 'not finite')
+    self.assertReturns()
+
+
+if __name__ == '__main__':
+  graph.run('tool_graph_test', simulated_time=True)
