@@ -1,0 +1,284 @@
+#include "soft_volume/messages/conversions.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include "message_session.h"
+#include "soft_volume/common/error.h"
+#include "soft_volume/common/hash.h"
+
+namespace soft_volume {
+namespace {
+
+/// Says that a message with one damage is refused with a reason that holds `part`.
+template <typename Message>
+void expectRefused(Message message, const std::function<void(Message&)>& damage, const std::string& part) {
+  damage(message);
+  try {
+    fromMessage(message);
+    ADD_FAILURE() << "accepted; expected: " << part;
+  } catch (const core::InputError& error) {
+    EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what() << "\nexpected: " << part;
+  }
+}
+
+TEST(Conversions, PointsVectorsAndPosesSurviveTheRoundTrip) {
+  const core::Vector3 v(1.0 / 3.0, -2e-9, 7e12);
+  EXPECT_EQ(fromPoint(toPoint(v)), v);
+  EXPECT_EQ(fromVector(toVector(v)), v);
+  const core::Pose pose{v, core::Quaternion(0.1, -0.2, 0.3, 0.4)};  // not normalised: it is taken as it is
+  const core::Pose back = fromPose(toPose(pose));
+  EXPECT_EQ(back.position_m, pose.position_m);
+  EXPECT_EQ(back.orientation.coeffs(), pose.orientation.coeffs());
+  EXPECT_EQ(toPose(pose).orientation.w, 0.1);
+  EXPECT_EQ(toPose(pose).orientation.x, -0.2);
+}
+
+TEST(Conversions, UnusableNumbersAreCarriedForTheCoreToJudge) {
+  ToolForce message = pushMessage(1);
+  message.force.y = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_TRUE(std::isnan(fromMessage(message).force_n.y()));
+}
+
+TEST(Conversions, VolumeSurvivesTheRoundTrip) {
+  const auto session = makeSession(kSession, true);
+  const Volume message = toMessage(*session);
+  EXPECT_EQ(message.session, kSession);
+  EXPECT_EQ(message.scalar_type, Volume::FLOAT32);
+  EXPECT_EQ(message.data.size(), std::size_t(24 * 24 * 24 * 4));
+  EXPECT_EQ(message.hash, session->volumeHash());
+  const VolumeAndLabels content = fromMessage(message);
+  EXPECT_EQ(content.volume->data(), session->volume()->data());
+  EXPECT_EQ(content.volume->hash(), session->volume()->hash());
+  ASSERT_TRUE(content.labels);
+  EXPECT_EQ(content.labels->hash(), session->labels()->hash());
+  EXPECT_FALSE(fromMessage(toMessage(*makeSession())).labels);
+}
+
+TEST(Conversions, AnOrientedVolumeKeepsItsGeometry) {
+  core::VolumeGeometry geometry;
+  geometry.dims = {2, 3, 4};
+  geometry.spacing_m = {0.001, 0.002, 0.003};
+  geometry.origin_m = {-0.1, 0.2, 0.3};
+  geometry.direction << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  std::vector<std::uint8_t> data(24 * 2);
+  for (std::size_t n = 0; n < data.size(); ++n)
+    data[n] = static_cast<std::uint8_t>(5 * n);
+  const core::Volume volume(geometry, core::ScalarType::kInt16, data);
+
+  Volume message;
+  message.dims = {2, 3, 4};
+  message.spacing = {0.001, 0.002, 0.003};
+  message.origin = {-0.1, 0.2, 0.3};
+  message.direction = {0, -1, 0, 1, 0, 0, 0, 0, 1};
+  message.scalar_type = Volume::INT16;
+  message.data = data;
+  message.hash = volume.hash();  // of geometry, type and scalars: it only fits when all three do
+  EXPECT_EQ(fromMessage(message).volume->geometry().direction, geometry.direction);
+}
+
+TEST(Conversions, RefusesVolumesThatDoNotHoldTogether) {
+  const Volume good = toMessage(*makeSession(kSession, true));
+  const auto refused = [&good](const std::function<void(Volume&)>& damage, const std::string& part) {
+    expectRefused<Volume>(good, damage, part);
+  };
+  refused([](Volume& m) { m.data.pop_back(); }, "");
+  refused([](Volume& m) { m.data.clear(); }, "");
+  refused([](Volume& m) { m.dims[0] = 25; }, "");
+  refused([](Volume& m) { m.dims[2] = 0; }, "");
+  refused([](Volume& m) { m.dims[1] = 0x80000000U; }, "dims");
+  refused([](Volume& m) { m.dims = {0x7fffffffU, 0x7fffffffU, 0x7fffffffU}; }, "");
+  refused([](Volume& m) { m.scalar_type = 8; }, "");
+  refused([](Volume& m) { m.scalar_type = Volume::INT32; }, "hash");  // the same size, other scalars
+  refused([](Volume& m) { m.spacing[1] = -0.002; }, "");
+  refused([](Volume& m) { m.spacing[1] = std::numeric_limits<double>::quiet_NaN(); }, "");
+  refused([](Volume& m) { m.spacing[1] = 0.003; }, "hash");
+  refused([](Volume& m) { m.direction[0] = 2.0; }, "");
+  refused([](Volume& m) { m.data[7] ^= 1; }, "hash");
+  refused([](Volume& m) { m.hash ^= 1; }, "hash");
+  refused([](Volume& m) { m.label_type = 200; }, "");
+  refused([](Volume& m) { m.labels.pop_back(); }, "");
+}
+
+TEST(Conversions, SceneMessageRebuildsTheScene) {
+  const auto session = makeSession(kSession, true);
+  const Scene message = sceneMessage(*session);
+  EXPECT_EQ(message.session, kSession);
+  EXPECT_EQ(message.name, "block");
+  EXPECT_EQ(core::writeScene(core::parseScene(message.yaml, "message", "/")), message.yaml);
+  EXPECT_EQ(message.scene_hash, core::hashBytes(message.yaml.data(), message.yaml.size()));
+  EXPECT_EQ(message.volume_hash, session->volumeHash());
+  EXPECT_EQ(message.label_hash, session->labels()->hash());
+  EXPECT_EQ(sceneMessage(*makeSession()).label_hash, 0U);
+  EXPECT_FALSE(message.package_version.empty());
+  EXPECT_EQ(message.kernel, "scalar");
+  EXPECT_EQ(message.precision, "double");
+}
+
+TEST(Conversions, TopologySurvivesTheRoundTripAlsoWithACut) {
+  const auto session = makeUsedSession();
+  const core::Topology before = session->topology();
+  const GridTopology message = topologyMessage(*session);
+  EXPECT_EQ(message.revision, 2U);
+  EXPECT_EQ(message.step, 16U);  // 15 steps are done
+  EXPECT_FALSE(message.delta);
+  const core::Topology after = fromMessage(message);
+  EXPECT_EQ(after.session, before.session);
+  EXPECT_EQ(after.revision, before.revision);
+  EXPECT_EQ(after.rest_positions, before.rest_positions);
+  EXPECT_EQ(after.texture_coordinates, before.texture_coordinates);
+  EXPECT_EQ(after.fixed, before.fixed);
+  EXPECT_EQ(after.cell_types, before.cell_types);
+  EXPECT_EQ(after.cell_offsets, before.cell_offsets);
+  EXPECT_EQ(after.connectivity, before.connectivity);
+  EXPECT_EQ(after.materials, before.materials);
+  EXPECT_EQ(after.face_neighbours, before.face_neighbours);
+  EXPECT_EQ(after.cut_faces, before.cut_faces);
+  EXPECT_NE(std::count(after.cut_faces.begin(), after.cut_faces.end(), 1), 0);
+}
+
+TEST(Conversions, RefusesTopologiesThatDoNotHoldTogether) {
+  const GridTopology good = topologyMessage(*makeUsedSession());
+  const auto refused = [&good](const std::function<void(GridTopology&)>& damage, const std::string& part = "") {
+    expectRefused<GridTopology>(good, damage, part);
+  };
+  refused([](GridTopology& m) { m.delta = 1; }, "delta");
+  refused([](GridTopology& m) { ++m.vertex_count; }, "vertex_count");
+  refused([](GridTopology& m) { --m.cell_count; }, "cell_count");
+  refused([](GridTopology& m) { m.rest_positions.pop_back(); }, "vertex_count");
+  refused([](GridTopology& m) { m.rest_positions[3].y = std::numeric_limits<float>::infinity(); });
+  refused([](GridTopology& m) { m.texture_coordinates.pop_back(); });
+  refused([](GridTopology& m) { m.fixed.clear(); });
+  refused([](GridTopology& m) { m.cell_offsets.pop_back(); });
+  refused([](GridTopology& m) { m.cell_offsets[1] = 1000000; });
+  refused([](GridTopology& m) { m.connectivity[0] = m.vertex_count; });
+  refused([](GridTopology& m) { m.connectivity.pop_back(); });
+  refused([](GridTopology& m) { m.cell_types[0] = 7; });
+  refused([](GridTopology& m) { m.materials.pop_back(); });
+  refused([](GridTopology& m) { m.face_neighbours[0] = -2; });
+  refused([](GridTopology& m) { m.face_neighbours[0] = static_cast<std::int32_t>(m.cell_count); });
+  refused([](GridTopology& m) { m.cut_faces.pop_back(); });
+}
+
+TEST(Conversions, StatesSurviveTheRoundTripAsKeyFrameAndAsDelta) {
+  std::vector<core::Vector3> positions = {{0, 0, 0}, {1, 0, 0}, {0, 1.0 / 3.0, 0}};
+  core::StateEncoder encoder;
+  for (const bool key_frame : {true, false}) {
+    core::GridStateFrame frame;
+    frame.session = 7;
+    frame.revision = 3;
+    frame.step = key_frame ? 10 : 12;
+    frame.simulation_time_s = 0.012;
+    frame.state_hash = 0x1234567890abcdefULL;
+    if (!key_frame)
+      positions[2].z() = 0.1;
+    encoder.encode(positions, key_frame, frame);
+    ASSERT_EQ(frame.key_frame, key_frame);
+    const core::GridStateFrame back = fromMessage(toMessage(frame));
+    EXPECT_EQ(back.session, 7U);
+    EXPECT_EQ(back.revision, 3U);
+    EXPECT_EQ(back.step, frame.step);
+    EXPECT_EQ(back.base_step, 10U);
+    EXPECT_EQ(back.simulation_time_s, frame.simulation_time_s);
+    EXPECT_EQ(back.key_frame, frame.key_frame);
+    EXPECT_EQ(back.vertex_count, 3U);
+    EXPECT_EQ(back.vertex_ids, frame.vertex_ids);
+    EXPECT_EQ(back.positions_m, frame.positions_m);
+    EXPECT_EQ(back.moved_m.min(), frame.moved_m.min());
+    EXPECT_EQ(back.moved_m.max(), frame.moved_m.max());
+    EXPECT_EQ(back.state_hash, frame.state_hash);
+  }
+}
+
+TEST(Conversions, AnEmptyMovedBoxStaysEmpty) {
+  core::GridStateFrame frame;
+  frame.moved_m.setEmpty();
+  const GridState message = toMessage(frame);
+  EXPECT_GT(message.moved_min.x, message.moved_max.x);
+  EXPECT_TRUE(fromMessage(message).moved_m.isEmpty());
+}
+
+TEST(Conversions, PatchesSurviveTheRoundTrip) {
+  const core::GridPatch before = makeUsedSession()->patch("probe", {0.024, 0.024, 0.031}, 0.01);
+  ASSERT_FALSE(before.cell_ids.empty());
+  const core::GridPatch after = fromMessage(toMessage(before));
+  EXPECT_EQ(after.session, kSession);
+  EXPECT_EQ(after.revision, 2U);
+  EXPECT_EQ(after.step, 15U);
+  EXPECT_EQ(after.tool_id, "probe");
+  EXPECT_EQ(after.vertex_ids, before.vertex_ids);
+  EXPECT_EQ(after.positions, before.positions);
+  EXPECT_EQ(after.velocities, before.velocities);
+  EXPECT_EQ(after.cell_ids, before.cell_ids);
+  EXPECT_EQ(after.stiffness_pa, before.stiffness_pa);
+  EXPECT_EQ(after.cut_resistance_j_m2, before.cut_resistance_j_m2);
+}
+
+TEST(Conversions, ForcesAndCutsSurviveTheRoundTrip) {
+  ToolForce force = pushMessage(9);
+  force.revision = 4;
+  force.step = 123;
+  force.apply_at_step = 130;
+  EXPECT_EQ(toMessage(fromMessage(force)), force);
+  EXPECT_EQ(fromMessage(force).force_n, core::Vector3(0.02, 0.0, -0.3));
+
+  ToolCut cut = cutMessage(9);
+  cut.step = 123;
+  cut.apply_at_step = 130;
+  for (int n = 0; n < 4; ++n)
+    cut.quads.push_back(toPoint({0.1 * n, 0.2, 0.3}));
+  EXPECT_EQ(toMessage(fromMessage(cut)), cut);
+  EXPECT_EQ(fromMessage(cut).quads[1][3], core::Vector3(0.1 * 3, 0.2, 0.3));
+}
+
+TEST(Conversions, RefusesAnIncompleteQuad) {
+  expectRefused<ToolCut>(
+      cutMessage(1), [](ToolCut& m) { m.quads.pop_back(); }, "four points per quad");
+}
+
+TEST(Conversions, CheckpointsContinueBitForBit) {
+  const auto session = makeUsedSession();
+  const SimulationCheckpoint message = toMessage(*session, session->checkpoint());
+  EXPECT_EQ(message.session, kSession);
+  EXPECT_EQ(message.step, 15U);
+  EXPECT_EQ(message.state_hash, session->simulation().stateHash());
+  ASSERT_EQ(message.forces.size(), 1U);
+  EXPECT_EQ(message.forces[0].tool_id, "probe");
+  EXPECT_EQ(message.forces[0].expires_at_step, 20U);
+  EXPECT_EQ(message.sequence_tools, (std::vector<std::string>{"tool/cut scalpel", "tool/force probe"}));
+  EXPECT_EQ(message.sequences, (std::vector<std::uint64_t>{6, 5}));
+
+  const auto continued = makeSession(kSession + 1);
+  const core::Verdict verdict = continued->apply(fromMessage(message));
+  ASSERT_TRUE(verdict.applied) << verdict.reason;
+  EXPECT_EQ(continued->simulation().stateHash(), message.state_hash);
+  SimulationCheckpoint again = toMessage(*continued, continued->checkpoint());
+  again.session = again.topology.session = kSession;
+  EXPECT_EQ(again, message);
+  for (int n = 0; n < 20; ++n) {
+    session->step();
+    continued->step();
+    ASSERT_EQ(continued->simulation().stateHash(), session->simulation().stateHash()) << "step " << session->steps();
+  }
+}
+
+TEST(Conversions, RefusesCheckpointsWithIncompleteRows) {
+  const auto session = makeUsedSession();
+  const SimulationCheckpoint good = toMessage(*session, session->checkpoint());
+  const auto refused = [&good](const std::function<void(SimulationCheckpoint&)>& damage, const std::string& part) {
+    expectRefused<SimulationCheckpoint>(good, damage, part);
+  };
+  refused([](SimulationCheckpoint& m) { m.positions.pop_back(); }, "positions");
+  refused([](SimulationCheckpoint& m) { m.velocities.push_back(0.0); }, "velocities");
+  refused([](SimulationCheckpoint& m) { m.rest_stretch.pop_back(); }, "rest_stretch");
+  refused([](SimulationCheckpoint& m) { m.topology.connectivity.pop_back(); }, "connectivity");
+  refused([](SimulationCheckpoint& m) { m.topology.face_neighbours.pop_back(); }, "face_neighbours");
+  refused([](SimulationCheckpoint& m) { m.topology.cut_faces.pop_back(); }, "cut_faces");
+  refused([](SimulationCheckpoint& m) { m.sequences.pop_back(); }, "sequence");
+}
+
+}  // namespace
+}  // namespace soft_volume
