@@ -83,6 +83,13 @@ sv_start() {
   sv_pid=$!
 }
 
+# sv_run COMMAND...: runs a command or function to its end, but lets a signal to the script act at once: bash handles
+# signals only between foreground commands, and while it waits.
+sv_run() {
+  "$@" 7>&- 8>&- &
+  wait $!
+}
+
 sv_alive() { kill -0 "$1" 2>/dev/null; }
 
 # sv_wait_end PID SECONDS: true when the process ended in time.
@@ -104,7 +111,7 @@ sv_stop() {
 # Ends everything that carries the mark: first kindly, in the end by force.
 sv_end_processes() {
   local signal pids deadline
-  for signal in INT TERM KILL; do
+  for signal in TERM KILL; do
     deadline=$((SECONDS + 10))
     pids=$(sv_marked_processes)
     [ -n "$pids" ] || return 0
@@ -151,10 +158,18 @@ sv_roscore() {
   sv_fail "the ROS master does not start (above)"
 }
 
-# sv_cleanup: for `trap sv_cleanup EXIT`.
+# sv_on_exit: from here on, ends every process and removes the temporary folder however the script ends.
+sv_on_exit() {
+  trap sv_cleanup EXIT
+  trap 'exit 129' HUP
+  trap 'exit 130' INT
+  trap 'exit 143' TERM
+}
+
 sv_cleanup() {
   local code=$?
-  trap '' INT TERM
+  trap '' HUP INT TERM
+  disown -a  # no notices about processes that are ended now
   sv_end_processes
   [ -z "${sv_temp:-}" ] || rm -rf "$sv_temp"
   exit "$code"
