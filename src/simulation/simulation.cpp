@@ -139,7 +139,7 @@ bool Simulation::holdForce(const std::string& tool_id, const Vector3& force_n, c
   held.vertices = verticesNear(point_m, radius_m);
   double total = 0.0;
   for (const std::uint32_t v : held.vertices) {
-    held.weights.push_back(footprintWeight((state_.positions_m[v] - point_m).norm(), radius_m));
+    held.weights.push_back(springs_.mass_kg[v] * footprintWeight((state_.positions_m[v] - point_m).norm(), radius_m));
     total += held.weights.back();
   }
   if (total <= 0.0) return false;

@@ -57,8 +57,9 @@ class Simulation {
   Simulation(const Lattice& lattice, const std::vector<Material>& materials, const SimulationSettings& settings,
              int threads);
 
-  /// Spreads a force over the vertices within `radius_m` of `point_m` (weight (1 - r^2/R^2)^2, deformed positions),
-  /// replacing the tool's previous force, and wakes the cells around. Returns false and changes nothing when no vertex
+  /// Spreads a force over the vertices within `radius_m` of `point_m` (weight mass * (1 - r^2/R^2)^2, deformed
+  /// positions), replacing the tool's previous force, and wakes the cells around. The mass keeps a corner that hangs on
+  /// one cell from getting the load of eight, which would push it through its cell. Returns false and changes nothing when no vertex
   /// lies within the radius.
   bool holdForce(const std::string& tool_id, const Vector3& force_n, const Vector3& point_m, double radius_m,
                  std::uint64_t expires_at_step);
