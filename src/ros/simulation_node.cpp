@@ -202,8 +202,10 @@ void SimulationNode::hearTool(const ToolState::ConstPtr& message) {
     incidents_.report(topics::kToolState, "a tool that the scene does not have, or a pose or radius out of range");
     return;
   }
+  // A tool whose device fell silent repeats its last pose: nothing newer will come, so it is not waited for.
+  const ros::Time stamp = message->pose_stale != 0 ? ros::TIME_MAX : message->header.stamp;
   const std::lock_guard<std::mutex> lock(mutex_);
-  patch_requests_[message->tool_id] = {point, message->patch_radius, message->header.stamp, ros::WallTime::now()};
+  patch_requests_[message->tool_id] = {point, message->patch_radius, stamp, ros::WallTime::now()};
   wake_.notify_all();
 }
 

@@ -159,7 +159,10 @@ class GraphTest(unittest.TestCase):
     return any(test is self for test, _ in result.failures + result.errors)
 
   def start(self, program, name=None, environment=None, **parameters):
-    node = Node(program, name or program.replace('_node', ''), parameters, self.folder, environment)
+    name = name or program.replace('_node', '')
+    if rospy.has_param('/' + name):  # of a node before
+      rospy.delete_param('/' + name)
+    node = Node(program, name, parameters, self.folder, environment)
     self._nodes.append(node)
     return node
 

@@ -65,7 +65,7 @@ class RefusalTest(graph.GraphTest):
         (['spacing_m', '0.0002', ' m'], lambda s: s['lattice'].update(spacing_m=-0.008)),
         (['poisson_ratio', '0.49'], lambda s: s['materials'][0].update(poisson_ratio=0.5)),
         (['dt_s', 'stability limit'], lambda s: s['simulation'].update(dt_s=0.01)),
-        (['tissue'], lambda s: s['materials'][0].update(intensity=[5000, 6000])),
+        (['the lattice is empty'], lambda s: s['materials'][0].update(intensity=[5000, 6000])),
     ):
       self.refuses('simulation_node', *reasons, scene=self.scene(change))
 

@@ -103,6 +103,8 @@ class ScriptedHandTest(ToolTest):
     self.assertGreater(pushed, 0.0005)
     stats.wait(lambda s: s is stats.messages[-1] and s.max_displacement < 0.3 * pushed, 'recovery')
     self.assertFalse(vector(self.servo.messages[-1].wrench.force).any())
+    # The simulation, which waits for tools that are late, does not wait for one without a device.
+    stats.wait(lambda s: s is stats.messages[-1] and s.real_time_factor > 0.08, 'simulation at its speed')
     # A new device starts at zero and ramps in.
     self.servo.clear()
     self.startDevice()
@@ -155,8 +157,7 @@ class UnusablePoseTest(ToolTest):
     self.poses = self.publisher('measured_cp', PoseStamped)
     self.depth_m = 0.004
     self.time = self.simulation.step(1).header.stamp
-    self.hold(400)
-    self.assertGreater(self.force(), 0.2)
+    self.assertReturns()
 
   def hold(self, ticks, z=None, change=lambda pose: None):
     """Holds the tip below the top face for so many milliseconds, each of which the tool answers."""
@@ -184,8 +185,12 @@ class UnusablePoseTest(ToolTest):
     self.assertTrue(self.simulation.node.alive())
 
   def assertReturns(self):
-    self.hold(400)
-    self.assertGreater(self.force(), 0.2)
+    """A stall of this machine takes the force to zero too, so the ramp may have to begin again."""
+    for _ in range(30):
+      self.hold(100)
+      if self.force() > 0.2:
+        return
+    self.fail('the force does not come back')
 
   def testAPoseThatStops(self):
     self.assertFalls('no pose')
