@@ -23,6 +23,7 @@ namespace soft_volume::core {
   X(BUFFERDATA, BufferData)                           \
   X(CHECKFRAMEBUFFERSTATUS, CheckFramebufferStatus)   \
   X(CLEARBUFFERFV, ClearBufferfv)                     \
+  X(COLORMASK, ColorMask)                             \
   X(COMPILESHADER, CompileShader)                     \
   X(CREATEPROGRAM, CreateProgram)                     \
   X(CREATESHADER, CreateShader)                       \
@@ -32,6 +33,9 @@ namespace soft_volume::core {
   X(DELETESHADER, DeleteShader)                       \
   X(DELETETEXTURES, DeleteTextures)                   \
   X(DELETEVERTEXARRAYS, DeleteVertexArrays)           \
+  X(DEPTHFUNC, DepthFunc)                             \
+  X(DEPTHMASK, DepthMask)                             \
+  X(DRAWARRAYS, DrawArrays)                           \
   X(DRAWBUFFERS, DrawBuffers)                         \
   X(DRAWELEMENTS, DrawElements)                       \
   X(ENABLE, Enable)                                   \

@@ -20,6 +20,12 @@ constexpr double kEdgesPerRange = 20.0;
 /// Clear value of the depth target; a pixel that keeps it was not hit.
 constexpr float kFar = std::numeric_limits<float>::max();
 
+/// Behind this opacity a pixel takes nothing more: what is left out is below a quarter of an 8-bit level.
+constexpr float kOpaque = 0.999F;
+/// Opaque pixels are masked before planes whose number on their ladder is a multiple of this: places that do not depend
+/// on the deformation, so that the image changes only where the grid does. More often costs more than it saves.
+constexpr int kPlanesPerMask = 8;
+
 const char* const kVertexShader = R"(#version 450 core
 layout(location = 0) in vec2 pixel;
 layout(location = 1) in vec3 texture_in;
@@ -38,6 +44,22 @@ void main() {
   down = down_in;
   // Pixel centres are whole numbers in the image and halves in OpenGL. The top row is drawn, and read, first.
   gl_Position = vec4((pixel + 0.5) / image_size * 2.0 - 1.0, 0.0, 1.0);
+}
+)";
+
+/// Sets the depth buffer to 0 where a pixel is opaque; slices lie at 0.5 and fail the depth test there before their
+/// shader runs.
+const char* const kMaskVertexShader = R"(#version 450 core
+void main() {
+  vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+  gl_Position = vec4(corner, -1.0, 1.0);
+}
+)";
+const char* const kMaskFragmentShader = R"(#version 450 core
+layout(binding = 3) uniform sampler2D accumulated;
+uniform float opaque;
+void main() {
+  if (texelFetch(accumulated, ivec2(gl_FragCoord.xy), 0).a < opaque) discard;
 }
 )";
 
@@ -143,8 +165,8 @@ GLuint compile(const GlFunctions& gl, GLenum kind, const std::string& source) {
   return shader;
 }
 
-GLuint link(const GlFunctions& gl, const std::string& fragment_source) {
-  const GLuint vertex = compile(gl, GL_VERTEX_SHADER, kVertexShader);
+GLuint link(const GlFunctions& gl, const char* vertex_source, const std::string& fragment_source) {
+  const GLuint vertex = compile(gl, GL_VERTEX_SHADER, vertex_source);
   const GLuint fragment = compile(gl, GL_FRAGMENT_SHADER, fragment_source);
   const GLuint program = gl.CreateProgram();
   gl.AttachShader(program, vertex);
@@ -158,7 +180,7 @@ GLuint link(const GlFunctions& gl, const std::string& fragment_source) {
     return program;
   std::array<char, 4096> log{};
   gl.GetProgramInfoLog(program, GLsizei(log.size()), nullptr, log.data());
-  throw Error(std::string("the OpenGL driver rejects the slice shader: ") + log.data());
+  throw Error(std::string("the OpenGL driver rejects a shader: ") + log.data());
 }
 
 GLuint makeTexture(const GlFunctions& gl, GLenum target, GLint filter) {
@@ -192,7 +214,7 @@ std::string fragmentSource(bool depth, bool shaded) {
 }  // namespace
 
 struct SliceCanvas::Program {
-  Program(const GlFunctions& gl, bool depth, bool shaded) : id(link(gl, fragmentSource(depth, shaded))), gl_(gl) {}
+  Program(const GlFunctions& gl, bool depth, bool shaded) : id(link(gl, kVertexShader, fragmentSource(depth, shaded))), gl_(gl) {}
   GLint operator[](const char* uniform) const { return gl_.GetUniformLocation(id, uniform); }
   const GLuint id;
 
@@ -208,11 +230,15 @@ SliceCanvas::SliceCanvas() {
       programs_[programIndex(depth, shaded)] = std::make_unique<Program>(gl, depth, shaded);
     }
   }
+  mask_program_ = link(gl, kMaskVertexShader, kMaskFragmentShader);
+  gl.UseProgram(mask_program_);
+  gl.Uniform1f(gl.GetUniformLocation(mask_program_, "opaque"), kOpaque);
   volume_texture_ = makeTexture(gl, GL_TEXTURE_3D, GL_LINEAR);
   table_texture_ = makeTexture(gl, GL_TEXTURE_1D, GL_NEAREST);
   integral_texture_ = makeTexture(gl, GL_TEXTURE_1D, GL_LINEAR);
   colour_target_ = makeTexture(gl, GL_TEXTURE_2D, GL_NEAREST);
   depth_target_ = makeTexture(gl, GL_TEXTURE_2D, GL_NEAREST);
+  mask_target_ = makeTexture(gl, GL_TEXTURE_2D, GL_NEAREST);
   gl.GenFramebuffers(1, &framebuffer_);
   gl.GenVertexArrays(1, &vertex_array_);
   gl.GenBuffers(1, &vertex_buffer_);
@@ -224,7 +250,9 @@ SliceCanvas::~SliceCanvas() {
   const GlFunctions& gl = context_.gl();
   for (const auto& program : programs_)
     gl.DeleteProgram(program->id);
-  for (const GLuint texture : {volume_texture_, table_texture_, integral_texture_, colour_target_, depth_target_}) {
+  gl.DeleteProgram(mask_program_);
+  for (const GLuint texture :
+       {volume_texture_, table_texture_, integral_texture_, colour_target_, depth_target_, mask_target_}) {
     gl.DeleteTextures(1, &texture);
   }
   gl.DeleteFramebuffers(1, &framebuffer_);
@@ -280,6 +308,7 @@ void SliceCanvas::resize(int width, int height) {
     return;
   attach(gl, GL_COLOR_ATTACHMENT0, colour_target_, GL_RGBA32F, GL_RGBA, width, height);
   attach(gl, GL_COLOR_ATTACHMENT1, depth_target_, GL_R32F, GL_RED, width, height);
+  attach(gl, GL_DEPTH_ATTACHMENT, mask_target_, GL_DEPTH_COMPONENT24, GL_DEPTH_COMPONENT, width, height);
   if (gl.CheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
     throw Error("the OpenGL driver has no float32 render target");
   }
@@ -351,22 +380,44 @@ void SliceCanvas::prepareTargets(bool depth) {
   gl.ClearBufferfv(GL_COLOR, 0, transparent.data());
   if (depth)
     gl.ClearBufferfv(GL_COLOR, 1, far.data());
+  const float not_opaque = 1.0F;
+  gl.Enable(GL_DEPTH_TEST);
+  gl.DepthFunc(GL_LESS);
+  gl.DepthMask(GL_TRUE);
+  gl.ClearBufferfv(GL_DEPTH, 0, &not_opaque);
+  gl.DepthMask(GL_FALSE);
 }
 
-void SliceCanvas::drawSlices(const Program& program, const SliceMesh& mesh, bool depth) {
+void SliceCanvas::maskOpaquePixels() {
   const GlFunctions& gl = context_.gl();
-  if (!depth) {
-    gl.DrawElements(GL_TRIANGLES, GLsizei(mesh.indices.size()), GL_UNSIGNED_INT, nullptr);
-    return;
+  gl.TextureBarrier();  // the mask reads what the slices before have left
+  gl.UseProgram(mask_program_);
+  gl.ColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  gl.DepthMask(GL_TRUE);
+  gl.DrawArrays(GL_TRIANGLES, 0, 3);
+  gl.DepthMask(GL_FALSE);
+  gl.ColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+}
+
+void SliceCanvas::drawSlice(const Program& program, const Slice& slice, bool depth) {
+  const GlFunctions& gl = context_.gl();
+  if (depth) {
+    gl.Uniform1f(program["slice_z"], slice.z_m);
+    gl.TextureBarrier();  // the shader reads the opacity that the slices before have left
   }
-  const GLint slice_z = program["slice_z"];
+  gl.DrawElements(GL_TRIANGLES, GLsizei(slice.index_count), GL_UNSIGNED_INT,
+                  reinterpret_cast<const void*>(slice.first_index * sizeof(std::uint32_t)));
+}
+
+void SliceCanvas::drawSlices(const Program& program, const SliceMesh& mesh, int first_number, bool depth) {
+  int number = first_number;
   for (const Slice& slice : mesh.slices) {
+    if (number++ % kPlanesPerMask == 0)
+      maskOpaquePixels();
     if (slice.index_count == 0)
       continue;
-    gl.Uniform1f(slice_z, slice.z_m);
-    gl.TextureBarrier();  // the shader reads the opacity that the slices before have left
-    gl.DrawElements(GL_TRIANGLES, GLsizei(slice.index_count), GL_UNSIGNED_INT,
-                    reinterpret_cast<const void*>(slice.first_index * sizeof(std::uint32_t)));
+    context_.gl().UseProgram(program.id);
+    drawSlice(program, slice, depth);
   }
 }
 
@@ -388,16 +439,16 @@ void SliceCanvas::read(Frame& frame, bool depth) {
   }
 }
 
-Frame SliceCanvas::draw(const Camera& camera, const SliceMesh& mesh, double slice_distance_m,
+Frame SliceCanvas::draw(const Camera& camera, const SliceMesh& mesh, const SlicePlanes& planes,
                         const RenderOptions& options) {
   const GlContext::Current current(context_);
   const Program& program = *programs_[programIndex(options.depth, options.shading > 0.0)];
   resize(camera.width, camera.height);
   bindTextures();
   upload(mesh);
-  setUniforms(program, camera, slice_distance_m, options);
+  setUniforms(program, camera, planes.distance_m, options);
   prepareTargets(options.depth);
-  drawSlices(program, mesh, options.depth);
+  drawSlices(program, mesh, planes.first_number, options.depth);
   Frame frame;
   frame.width = camera.width;
   frame.height = camera.height;

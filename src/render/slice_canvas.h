@@ -28,7 +28,7 @@ class SliceCanvas {
   void setTable(const TransferTable& table);
 
   /// Draws the slices and reads the frame back.
-  Frame draw(const Camera& camera, const SliceMesh& mesh, double slice_distance_m, const RenderOptions& options);
+  Frame draw(const Camera& camera, const SliceMesh& mesh, const SlicePlanes& planes, const RenderOptions& options);
   std::string driver();
 
  private:
@@ -39,16 +39,20 @@ class SliceCanvas {
   void setUniforms(const Program& program, const Camera& camera, double slice_distance_m, const RenderOptions& options);
   void bindTextures();
   void prepareTargets(bool depth);
-  void drawSlices(const Program& program, const SliceMesh& mesh, bool depth);
+  void drawSlices(const Program& program, const SliceMesh& mesh, int first_number, bool depth);
+  void drawSlice(const Program& program, const Slice& slice, bool depth);
+  void maskOpaquePixels();
   void read(Frame& frame, bool depth);
 
   GlContext context_;
   std::array<std::unique_ptr<Program>, 4> programs_;
+  GLuint mask_program_ = 0;
   GLuint volume_texture_ = 0;
   GLuint table_texture_ = 0;
   GLuint integral_texture_ = 0;
   GLuint colour_target_ = 0;
   GLuint depth_target_ = 0;
+  GLuint mask_target_ = 0;  ///< depth buffer, 0 where a pixel is opaque
   GLuint framebuffer_ = 0;
   GLuint vertex_array_ = 0;
   GLuint vertex_buffer_ = 0;

@@ -119,7 +119,7 @@ class SliceRenderer::Impl {
     const double transform_ms = watch.lap();
     const SliceMesh& mesh = slicer_.slice(camera, planes, skipped_);
     const double slice_ms = watch.lap();
-    Frame frame = canvas_.draw(camera, mesh, planes.distance_m, options);
+    Frame frame = canvas_.draw(camera, mesh, planes, options);
     frame.render_ms = watch.lap();
     frame.slice_ms = slice_ms;
     frame.transform_ms = transform_ms;

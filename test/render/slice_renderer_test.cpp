@@ -101,6 +101,16 @@ TEST(SliceRenderer, FogHasTheAnalyticOpacityForAnyNumberOfSlices) {
   }
 }
 
+TEST(SliceRenderer, OpaquePixelsTakeNothingMoreAndNobodySeesIt) {
+  const Box3 box(Vector3(-0.5, -0.5, 1.0), Vector3(0.5, 0.5, 1.2));
+  // Each slab of 2 mm lets 0.7 through: 1 - 0.7^100 in all, and 0.999 is passed in the 20th slab.
+  Scene scene(box, Vector3i(3, 3, 3), constantVolume(), makeFog(0.3F, 0.002));
+  const Frame frame = scene.render(straightCamera(Vector3::Zero()), plain(100));
+  const float alpha = pixelOf(frame, frame.width / 2, frame.height / 2)[3];
+  EXPECT_GE(alpha, 0.999F);
+  EXPECT_LT(alpha, 1.0 - std::pow(0.7, 40)) << "no pixel was masked: the rest of the grid was drawn for nothing";
+}
+
 TEST(SliceRenderer, ObliqueFogErrsByLessThanTwoSlabs) {
   const Box3 box(Vector3(-0.1, -0.1, -0.1), Vector3(0.1, 0.1, 0.1));
   Scene scene(box, Vector3i(3, 3, 3), constantVolume(), makeFog(0.3F, 0.05));

@@ -15,6 +15,7 @@ struct SlicePlanes {
   double first_z_m = 0.0;
   double distance_m = 1.0;
   int count = 0;
+  int first_number = 0;  ///< of the first plane on the ladder that it belongs to
 
   /// The planes are float numbers, as the vertices are, so that "z >= plane" has one answer everywhere.
   float z(int i) const { return float(first_z_m + i * distance_m); }
