@@ -31,21 +31,27 @@ sv_build_progress() {
   done
 }
 
-# sv_cmake_build DIR [CMAKE OPTIONS...]: configures and builds DIR. A second caller waits for the first one, so that two
-# runs side by side can share the folder. Everything goes to DIR/build.log; what failed is shown.
+# sv_cmake_build DIR [OPTIONS...] [-- BUILD OPTIONS...]: configures and builds DIR with CMake. A second caller waits for
+# the first one, so that two runs side by side can share the folder. Everything goes to DIR/build.log; what failed is
+# shown.
 sv_cmake_build() {
-  local dir=$1
+  local dir=$1 options=()
   shift
+  while [ $# -gt 0 ] && [ "$1" != -- ]; do
+    options+=("$1")
+    shift
+  done
+  [ $# -eq 0 ] || shift
   mkdir -p "$dir"
   (
     flock -n 9 || { sv_say "another build of $dir runs; waiting"; flock 9; }
     local log=$dir/build.log
     if ! cmake -S "$sv_root" -B "$dir" -DPYTHON_EXECUTABLE=/usr/bin/python3 -DPython3_EXECUTABLE=/usr/bin/python3 \
-      "$@" >"$log" 2>&1 9>&-; then
+      "${options[@]}" >"$log" 2>&1 9>&-; then
       tail -n 40 "$log" >&2
       sv_fail "configuring failed (above; all of it is in $log)"
     fi
-    if ! cmake --build "$dir" --parallel "$sv_jobs" 2>&1 9>&- | tee -a "$log" | sv_build_progress; then
+    if ! cmake --build "$dir" --parallel "$sv_jobs" "$@" 2>&1 9>&- | tee -a "$log" | sv_build_progress; then
       grep -n -E -A 5 'error:|Error [0-9]|undefined reference|No rule|Killed' "$log" | head -n 60 >&2
       sv_fail "building failed (above; all of it is in $log)"
     fi
