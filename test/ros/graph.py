@@ -40,13 +40,18 @@ def wait_until(condition, what, limit_s=LIMIT_S):
   raise AssertionError('after %.0f s: still no %s' % (limit_s, what))
 
 
+def dying_with_us(signal_name):
+  """What a command starts with to get a signal when this process dies, whatever of: a test leaves nothing running."""
+  return ['setpriv', '--pdeathsig', signal_name]
+
+
 class Node:
   """A node of the package in a process of its own."""
 
   def __init__(self, program, name, parameters, folder, environment=None):
     self.name = name
     self._log = os.path.join(folder, '%s-%d.log' % (name, time.monotonic_ns()))
-    command = [os.path.join(os.environ['SOFT_VOLUME_TEST_BIN'], program), '__name:=' + name]
+    command = dying_with_us('KILL') + [os.path.join(os.environ['SOFT_VOLUME_TEST_BIN'], program), '__name:=' + name]
     command += ['_%s:=%s' % (key, value) for key, value in parameters.items()]
     with open(self._log, 'w') as log:
       self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT,
@@ -119,6 +124,10 @@ class Listener:
           raise AssertionError('after %.0f s: no %s on %s, which had %d messages' %
                                (limit_s, what, self.topic, len(self._messages)))
         self._condition.wait(min(left, 0.5))
+
+  def connect(self):
+    """Waits for the publisher, so that nothing is missed that it sends from now on."""
+    wait_until(lambda: self._subscriber.get_num_connections() > 0, 'publisher of ' + self.topic)
 
   def close(self):
     self._subscriber.unregister()
@@ -236,15 +245,15 @@ class Simulation:
     self._test = test
     settings = dict(start_paused='true', real_time_factor=0)
     settings.update(parameters)
+    self.node = test.start('simulation_node', scene=phantom.write_scene(test.folder, scene), **settings)
+    # Once it is up: rospy now and then misses what a publisher latches while both are being connected.
+    rospy.wait_for_service('simulation/step', timeout=LIMIT_S)
     self.scenes = test.listen('scene', Scene)
     self.topologies = test.listen('grid/topology', GridTopology)
     self.journals = test.listen('simulation/journal', SimulationJournal, keep=100000)
-    self.node = test.start('simulation_node', scene=phantom.write_scene(test.folder, scene), **settings)
     self.scenes.wait(what='scene')
     self.topologies.wait(what='topology')
-    # The simulation was there before the journal's listener was connected, so the first ones may be missed.
-    rospy.wait_for_service('simulation/step', timeout=LIMIT_S)
-    wait_until(lambda: self.journals._subscriber.get_num_connections() > 0, 'connection to the journal')
+    self.journals.connect()
 
   @property
   def session(self):

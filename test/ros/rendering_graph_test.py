@@ -53,6 +53,7 @@ class RenderingTest(graph.GraphTest):
     self.simulation = graph.Simulation(self, scene)
     self.renderer = self.start('renderer_node')
     self.stats = self.listen('render/stats', RenderStats)
+    self.stats.connect()
 
   def watch(self, camera='top'):
     return self.listen(camera + '/image_raw', Image)
@@ -70,6 +71,7 @@ class RenderingTest(graph.GraphTest):
     depth = self.listen('top/depth', Image)
     infos = self.listen('top/camera_info', CameraInfo)
     states = self.listen('grid/state', GridState)
+    states.connect()
     info = infos.wait(what='camera info')
     before = pixels(images.wait(what='image at rest'))
     depth_before = depths(depth.wait(what='depth at rest'))

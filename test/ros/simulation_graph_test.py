@@ -112,6 +112,7 @@ class LockstepTest(graph.GraphTest):
 
   def testAForceExpires(self):
     states = self.listen('grid/state', GridState)
+    states.connect()
     self.simulation.push(sequence=1, apply_at_step=1, hold_steps=50)
     self.simulation.step(50)
     self.simulation.step(1000)
@@ -184,6 +185,7 @@ class LockstepTest(graph.GraphTest):
   def testResetStartsANewSessionAndPublishesEverything(self):
     states = self.listen('grid/state', GridState)
     volumes = self.listen('volume', Volume)
+    states.connect()
     at_rest = self.simulation.journals
     old = self.simulation.session
     volumes.wait(lambda v: v.session == old, 'volume')

@@ -109,7 +109,8 @@ class LaunchTest(graph.GraphTest):
   def launch(self, **arguments):
     # The hand is fast at a low real-time factor; a tool in the hand, two cameras, everything in one graph.
     arguments = dict(dict(scene=phantom.write_scene(self.folder), real_time_factor='0.25'), **arguments)
-    command = ['roslaunch', 'soft_volume', 'demo.launch'] + ['%s:=%s' % a for a in arguments.items()]
+    command = graph.dying_with_us('TERM') + ['roslaunch', 'soft_volume', 'demo.launch']
+    command += ['%s:=%s' % a for a in arguments.items()]
     self.log = open(self.folder + '/roslaunch.log', 'w+')
     self.roslaunch = subprocess.Popen(command, stdout=self.log, stderr=subprocess.STDOUT)
 
