@@ -204,7 +204,9 @@ Vector3 sliceStep(const std::vector<Slice>& slices) {
 VolumeGeometry geometryOf(const std::vector<Slice>& slices) {
   const Slice& first = slices.front();
   Placement placement;
-  placement.steps << first.row * first.column_distance_mm, first.column * first.row_distance_mm, sliceStep(slices);
+  placement.steps.col(0) = first.row * first.column_distance_mm;
+  placement.steps.col(1) = first.column * first.row_distance_mm;
+  placement.steps.col(2) = sliceStep(slices);  // throws, which Eigen's comma initializer would not bear
   placement.origin = first.position_mm;
   return geometryOf({first.width, first.height, int(slices.size())}, placement);
 }
