@@ -17,7 +17,8 @@ inline Volume makeVolume(const Vector3i& dims, double spacing_m, const std::func
   scalars.reserve(geometry.voxelCount());
   for (int k = 0; k < dims.z(); ++k) {
     for (int j = 0; j < dims.y(); ++j) {
-      for (int i = 0; i < dims.x(); ++i) scalars.push_back(static_cast<float>(value(Vector3(i, j, k) * spacing_m)));
+      for (int i = 0; i < dims.x(); ++i)
+        scalars.push_back(static_cast<float>(value(Vector3(i, j, k) * spacing_m)));
     }
   }
   std::vector<std::uint8_t> data(scalars.size() * sizeof(float));

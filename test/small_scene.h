@@ -57,7 +57,9 @@ device:
 )";
 }
 
-inline Scene smallScene() { return parseScene(smallSceneText(), "small scene", "/data"); }
+inline Scene smallScene() {
+  return parseScene(smallSceneText(), "small scene", "/data");
+}
 
 /// The block of the scene above: 100 inside, voxels of 2 mm, tissue up to z = 31 mm and air above it.
 inline std::shared_ptr<const Volume> smallVolume() {

@@ -17,12 +17,14 @@ void checkLattice(const Vector3i& dims, const Vector3& spacing_m, const Vector3&
     throw InputError("the lattice spacing must be positive and its origin finite");
   }
   const std::size_t expected = std::size_t(dims.x()) * std::size_t(dims.y()) * std::size_t(dims.z());
-  if (materials != expected) throw InputError("one material per lattice cell is needed");
+  if (materials != expected)
+    throw InputError("one material per lattice cell is needed");
 }
 
 void addCells(Lattice& lattice, const std::vector<std::int32_t>& cell_materials) {
   for (std::size_t parent = 0; parent < cell_materials.size(); ++parent) {
-    if (cell_materials[parent] == Lattice::kNone) continue;
+    if (cell_materials[parent] == Lattice::kNone)
+      continue;
     lattice.cell_at[parent] = static_cast<std::int32_t>(lattice.parent_cells.size());
     lattice.parent_cells.push_back(static_cast<std::uint32_t>(parent));
     lattice.materials.push_back(static_cast<std::uint16_t>(cell_materials[parent]));
@@ -41,14 +43,16 @@ void addVertices(Lattice& lattice) {
   const std::size_t nodes = lattice.latticeNode(lattice.dims.x(), lattice.dims.y(), lattice.dims.z()) + 1;
   std::vector<std::uint8_t> used(nodes, 0);
   for (const std::uint32_t parent : lattice.parent_cells) {
-    for (int c = 0; c < 8; ++c) used[cornerNode(lattice, lattice.cellIndex(parent), c)] = 1;
+    for (int c = 0; c < 8; ++c)
+      used[cornerNode(lattice, lattice.cellIndex(parent), c)] = 1;
   }
   std::vector<std::uint32_t> vertex_at(nodes, 0);
   std::size_t node = 0;
   for (int k = 0; k <= lattice.dims.z(); ++k) {
     for (int j = 0; j <= lattice.dims.y(); ++j) {
       for (int i = 0; i <= lattice.dims.x(); ++i, ++node) {
-        if (!used[node]) continue;
+        if (!used[node])
+          continue;
         vertex_at[node] = static_cast<std::uint32_t>(lattice.rest_positions.size());
         lattice.rest_positions.push_back(lattice.origin_m + lattice.spacing_m.cwiseProduct(Vector3(i, j, k)));
         lattice.lattice_nodes.push_back(static_cast<std::uint32_t>(node));
@@ -57,11 +61,13 @@ void addVertices(Lattice& lattice) {
   }
   for (std::size_t cell = 0; cell < lattice.cells.size(); ++cell) {
     const Vector3i index = lattice.cellIndex(lattice.parent_cells[cell]);
-    for (int c = 0; c < 8; ++c) lattice.cells[cell][c] = vertex_at[cornerNode(lattice, index, c)];
+    for (int c = 0; c < 8; ++c)
+      lattice.cells[cell][c] = vertex_at[cornerNode(lattice, index, c)];
   }
   lattice.fixed.assign(lattice.vertexCount(), 0);
   lattice.origin_vertices.resize(lattice.vertexCount());
-  for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v) lattice.origin_vertices[v] = v;
+  for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v)
+    lattice.origin_vertices[v] = v;
 }
 
 void addNeighbours(Lattice& lattice) {
@@ -82,7 +88,8 @@ void addNeighbours(Lattice& lattice) {
 
 LatticeBox latticeBox(const Lattice& lattice, const Box3& box_m) {
   LatticeBox box{Vector3i::Zero(), Vector3i::Zero()};
-  if (box_m.isEmpty()) return box;
+  if (box_m.isEmpty())
+    return box;
   for (int d = 0; d < 3; ++d) {
     const double n = lattice.dims[d];
     const double low = std::floor((box_m.min()[d] - lattice.origin_m[d]) / lattice.spacing_m[d]);

@@ -12,7 +12,8 @@ using FaceOfCell = std::pair<std::uint32_t, int>;
 
 Vector3 cellCentre(const Lattice& lattice, const std::vector<Vector3>& positions_m, std::uint32_t cell) {
   Vector3 sum = Vector3::Zero();
-  for (const std::uint32_t v : lattice.cells[cell]) sum += positions_m[v];
+  for (const std::uint32_t v : lattice.cells[cell])
+    sum += positions_m[v];
   return sum / 8.0;
 }
 
@@ -21,9 +22,11 @@ bool crossesTriangle(const Vector3& p, const Vector3& q, const Vector3& a, const
   const Vector3 direction = q - p;
   const Vector3 normal = (b - a).cross(c - a);
   const double along = normal.dot(direction);
-  if (along == 0.0) return false;
+  if (along == 0.0)
+    return false;
   const double t = normal.dot(a - p) / along;
-  if (t < 0.0 || t > 1.0) return false;
+  if (t < 0.0 || t > 1.0)
+    return false;
   const Vector3 hit = p + t * direction;
   // A sliver of tolerance closes the seam between two triangles that share an edge.
   const double slack = -1e-9 * normal.squaredNorm();
@@ -37,7 +40,8 @@ bool crossesQuad(const Vector3& p, const Vector3& q, const SweptQuad& quad) {
 
 Box3 boundsOf(const SweptQuad& quad) {
   Box3 box;
-  for (const Vector3& p : quad) box.extend(p);
+  for (const Vector3& p : quad)
+    box.extend(p);
   return box;
 }
 
@@ -50,13 +54,16 @@ void collectFaces(const Lattice& lattice, const std::vector<Material>& materials
   box.min() -= margin;
   box.max() += margin;
   forEachCell(lattice, latticeBox(lattice, box), [&](std::uint32_t cell) {
-    if (materials[lattice.materials[cell]].fixed) return;
+    if (materials[lattice.materials[cell]].fixed)
+      return;
     const Vector3 centre = cellCentre(lattice, positions_m, cell);
     for (const int face : {1, 3, 5}) {
       const std::int32_t other = lattice.face_neighbours[cell][face];
-      if (other == Lattice::kNone || materials[lattice.materials[other]].fixed) continue;
+      if (other == Lattice::kNone || materials[lattice.materials[other]].fixed)
+        continue;
       const Vector3 other_centre = cellCentre(lattice, positions_m, static_cast<std::uint32_t>(other));
-      if (crossesQuad(centre, other_centre, quad)) faces.insert({cell, face});
+      if (crossesQuad(centre, other_centre, quad))
+        faces.insert({cell, face});
     }
   });
 }
@@ -88,7 +95,8 @@ std::vector<std::uint32_t> cellsAround(const Lattice& lattice, std::uint32_t ver
   std::vector<std::uint32_t> cells;
   forEachCell(lattice, box, [&](std::uint32_t cell) {
     const auto& vertices = lattice.cells[cell];
-    if (std::find(vertices.begin(), vertices.end(), vertex) != vertices.end()) cells.push_back(cell);
+    if (std::find(vertices.begin(), vertices.end(), vertex) != vertices.end())
+      cells.push_back(cell);
   });
   return cells;
 }
@@ -96,15 +104,16 @@ std::vector<std::uint32_t> cellsAround(const Lattice& lattice, std::uint32_t ver
 /// Group of each of the cells, hanging together through faces among themselves; numbered by first occurrence.
 std::vector<int> groupByFaces(const Lattice& lattice, const std::vector<std::uint32_t>& cells) {
   std::vector<int> group(cells.size());
-  for (std::size_t n = 0; n < cells.size(); ++n) group[n] = static_cast<int>(n);
+  for (std::size_t n = 0; n < cells.size(); ++n)
+    group[n] = static_cast<int>(n);
   // At most eight cells: spreading the lowest number until nothing changes is short and needs no other structure.
   for (bool changed = true; changed;) {
     changed = false;
     for (std::size_t a = 0; a < cells.size(); ++a) {
       for (std::size_t b = 0; b < cells.size(); ++b) {
         const auto& neighbours = lattice.face_neighbours[cells[a]];
-        const bool joined = std::find(neighbours.begin(), neighbours.end(), static_cast<std::int32_t>(cells[b])) !=
-                            neighbours.end();
+        const bool joined =
+            std::find(neighbours.begin(), neighbours.end(), static_cast<std::int32_t>(cells[b])) != neighbours.end();
         if (joined && group[b] < group[a]) {
           group[a] = group[b];
           changed = true;
@@ -131,7 +140,8 @@ std::uint32_t splitVertex(Lattice& lattice, std::uint32_t vertex) {
   std::vector<std::int64_t> replica(cells.size(), -1);
   std::uint32_t added = 0;
   for (std::size_t n = 0; n < cells.size(); ++n) {
-    if (group[n] == group[0]) continue;
+    if (group[n] == group[0])
+      continue;
     std::int64_t& number = replica[group[n]];
     if (number < 0) {
       number = replicate(lattice, vertex);
@@ -149,13 +159,16 @@ IncisionResult cutLattice(Lattice& lattice, const std::vector<Material>& materia
                           const std::vector<Vector3>& positions_m, double reach_m, const std::vector<SweptQuad>& quads,
                           const IncisionSettings& settings) {
   std::set<FaceOfCell> faces;
-  for (const SweptQuad& quad : quads) collectFaces(lattice, materials, positions_m, reach_m, quad, faces);
+  for (const SweptQuad& quad : quads)
+    collectFaces(lattice, materials, positions_m, reach_m, quad, faces);
   IncisionResult result;
-  if (faces.empty()) return result;
+  if (faces.empty())
+    return result;
 
   std::set<std::uint32_t> touched;
   for (const FaceOfCell& face : faces) {
-    for (const int corner : kHexahedronFaces[face.second]) touched.insert(lattice.cells[face.first][corner]);
+    for (const int corner : kHexahedronFaces[face.second])
+      touched.insert(lattice.cells[face.first][corner]);
     openFace(lattice, face, settings.rest_fraction);
   }
   for (const std::uint32_t vertex : touched) {

@@ -23,7 +23,8 @@ bool claims(const Material& material, double intensity, double label) {
 
 std::int32_t materialOf(const std::vector<Material>& materials, double intensity, double label) {
   for (std::size_t m = 0; m < materials.size(); ++m) {
-    if (claims(materials[m], intensity, label)) return static_cast<std::int32_t>(m);
+    if (claims(materials[m], intensity, label))
+      return static_cast<std::int32_t>(m);
   }
   return kNone;
 }
@@ -33,15 +34,17 @@ void checkLabels(const Volume& volume, const Volume* labels, const std::vector<M
   if (needed && labels == nullptr) {
     throw SceneError("a material names labels, but the scene has no label volume: add volume.labels");
   }
-  if (labels == nullptr) return;
+  if (labels == nullptr)
+    return;
   const VolumeGeometry& a = volume.geometry();
   const VolumeGeometry& b = labels->geometry();
   const bool same = a.dims == b.dims && a.spacing_m.isApprox(b.spacing_m, 1e-4) &&
                     (a.origin_m - b.origin_m).norm() < 0.5 * a.spacing_m.minCoeff() &&
                     a.direction.isApprox(b.direction, 1e-3);
   if (!same) {
-    throw SceneError("the label volume lies on another grid than the volume: both need the same dimensions, spacing, "
-                     "origin and orientation");
+    throw SceneError(
+        "the label volume lies on another grid than the volume: both need the same dimensions, spacing, "
+        "origin and orientation");
   }
 }
 
@@ -54,7 +57,8 @@ class Votes {
   void add(const Vector3i& cell, std::int32_t material) { ++votes_[index(cell) * materials_ + std::size_t(material)]; }
   const std::uint32_t* of(std::size_t cell) const { return votes_.data() + cell * materials_; }
   std::size_t index(const Vector3i& c) const {
-    return std::size_t(c.x()) + std::size_t(dims_.x()) * (std::size_t(c.y()) + std::size_t(dims_.y()) * std::size_t(c.z()));
+    return std::size_t(c.x()) +
+           std::size_t(dims_.x()) * (std::size_t(c.y()) + std::size_t(dims_.y()) * std::size_t(c.z()));
   }
 
  private:
@@ -77,7 +81,8 @@ void voteNearby(const Vector3& p, const Vector3& voxel_m, const std::function<Ve
   for (int k = low.z(); k <= high.z(); ++k) {
     for (int j = low.y(); j <= high.y(); ++j) {
       for (int i = low.x(); i <= high.x(); ++i) {
-        if (Vector3i(i, j, k) != own) nearby.add({i, j, k}, material);
+        if (Vector3i(i, j, k) != own)
+          nearby.add({i, j, k}, material);
       }
     }
   }
@@ -88,15 +93,21 @@ Census takeCensus(const Volume& volume, const Volume* labels, const std::vector<
   Census census{Votes(dims, materials.size()), Votes(dims, materials.size())};
   const VolumeGeometry& geometry = volume.geometry();
   const auto cell_of = [&](const Vector3& p) -> Vector3i {
-    return ((p - origin_m) / spacing_m).array().floor().cast<int>().matrix().cwiseMax(0).cwiseMin(dims -
-                                                                                                 Vector3i::Ones());
+    return ((p - origin_m) / spacing_m)
+        .array()
+        .floor()
+        .cast<int>()
+        .matrix()
+        .cwiseMax(0)
+        .cwiseMin(dims - Vector3i::Ones());
   };
   for (int k = 0; k < geometry.dims.z(); ++k) {
     for (int j = 0; j < geometry.dims.y(); ++j) {
       for (int i = 0; i < geometry.dims.x(); ++i) {
         const double label = labels != nullptr ? labels->at(i, j, k) : 0.0;
         const std::int32_t material = materialOf(materials, volume.at(i, j, k), label);
-        if (material == kNone) continue;
+        if (material == kNone)
+          continue;
         const Vector3 p = geometry.spacing_m.cwiseProduct(Vector3(i, j, k));
         census.own.add(cell_of(p), material);
         voteNearby(p, geometry.spacing_m, cell_of, material, census.nearby);
@@ -132,7 +143,8 @@ std::int32_t decide(const Census& census, std::size_t cell, const std::vector<Ma
                     double stiff_fraction) {
   const std::uint32_t* own = census.own.of(cell);
   const std::int32_t frequent = mostFrequent(own, materials.size());
-  if (frequent == kNone) return mostFrequent(census.nearby.of(cell), materials.size());
+  if (frequent == kNone)
+    return mostFrequent(census.nearby.of(cell), materials.size());
   const std::int32_t winner = stiffest(own, materials, stiff_fraction);
   return winner != kNone ? winner : frequent;
 }
@@ -143,14 +155,16 @@ std::vector<std::int32_t> connectedParts(const Lattice& lattice) {
   std::int32_t count = 0;
   std::vector<std::uint32_t> stack;
   for (std::uint32_t seed = 0; seed < lattice.cellCount(); ++seed) {
-    if (part[seed] != kNone) continue;
+    if (part[seed] != kNone)
+      continue;
     stack.push_back(seed);
     part[seed] = count;
     while (!stack.empty()) {
       const std::uint32_t cell = stack.back();
       stack.pop_back();
       for (const std::int32_t next : lattice.face_neighbours[cell]) {
-        if (next == kNone || part[next] != kNone) continue;
+        if (next == kNone || part[next] != kNone)
+          continue;
         part[next] = count;
         stack.push_back(static_cast<std::uint32_t>(next));
       }
@@ -163,27 +177,33 @@ std::vector<std::int32_t> connectedParts(const Lattice& lattice) {
 void dropSmallParts(const Lattice& lattice, std::vector<std::int32_t>& cell_materials) {
   const std::vector<std::int32_t> part = connectedParts(lattice);
   std::vector<std::size_t> size(part.size(), 0);
-  for (const std::int32_t p : part) ++size[p];
+  for (const std::int32_t p : part)
+    ++size[p];
   const auto largest = static_cast<std::int32_t>(std::max_element(size.begin(), size.end()) - size.begin());
   for (std::size_t cell = 0; cell < part.size(); ++cell) {
-    if (part[cell] != largest) cell_materials[lattice.parent_cells[cell]] = kNone;
+    if (part[cell] != largest)
+      cell_materials[lattice.parent_cells[cell]] = kNone;
   }
 }
 
 void fixVertices(Lattice& lattice, const std::vector<Material>& materials, const std::vector<Box3>& regions) {
   for (std::size_t cell = 0; cell < lattice.cellCount(); ++cell) {
-    if (!materials[lattice.materials[cell]].fixed) continue;
-    for (const std::uint32_t v : lattice.cells[cell]) lattice.fixed[v] = 1;
+    if (!materials[lattice.materials[cell]].fixed)
+      continue;
+    for (const std::uint32_t v : lattice.cells[cell])
+      lattice.fixed[v] = 1;
   }
   for (std::size_t v = 0; v < lattice.vertexCount(); ++v) {
     const auto holds = [&](const Box3& box) { return box.contains(lattice.rest_positions[v]); };
-    if (std::any_of(regions.begin(), regions.end(), holds)) lattice.fixed[v] = 1;
+    if (std::any_of(regions.begin(), regions.end(), holds))
+      lattice.fixed[v] = 1;
   }
 }
 
 void checkSpacing(const VolumeGeometry& geometry, double spacing_m) {
   const double voxel = geometry.spacing_m.maxCoeff();
-  if (spacing_m >= voxel * (1.0 - 1e-6)) return;
+  if (spacing_m >= voxel * (1.0 - 1e-6))
+    return;
   throw SceneError("lattice.spacing_m " + std::to_string(spacing_m) + " is finer than the volume's voxels (" +
                    std::to_string(voxel) + " m): cells would be empty; choose at least that");
 }
@@ -206,8 +226,9 @@ Lattice buildLattice(const Volume& volume, const Volume* labels, const std::vect
 
   Lattice lattice = makeLattice(dims, spacing, bounds.min(), cell_materials);
   if (lattice.cells.empty()) {
-    throw SceneError("the lattice is empty: no voxel has an intensity or label that a material claims; check the "
-                     "materials' intervals against the volume's range");
+    throw SceneError(
+        "the lattice is empty: no voxel has an intensity or label that a material claims; check the "
+        "materials' intervals against the volume's range");
   }
   if (settings.keep_largest_part) {
     dropSmallParts(lattice, cell_materials);

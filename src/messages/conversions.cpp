@@ -23,31 +23,37 @@ geometry_msgs::Point32 toPoint32(const core::Vector3f& p) {
   return point;
 }
 
-core::Vector3f fromPoint32(const geometry_msgs::Point32& p) { return {p.x, p.y, p.z}; }
+core::Vector3f fromPoint32(const geometry_msgs::Point32& p) {
+  return {p.x, p.y, p.z};
+}
 
 std::vector<geometry_msgs::Point32> toPoints32(const std::vector<core::Vector3f>& points) {
   std::vector<geometry_msgs::Point32> result;
   result.reserve(points.size());
-  for (const core::Vector3f& p : points) result.push_back(toPoint32(p));
+  for (const core::Vector3f& p : points)
+    result.push_back(toPoint32(p));
   return result;
 }
 
 std::vector<core::Vector3f> fromPoints32(const std::vector<geometry_msgs::Point32>& points) {
   std::vector<core::Vector3f> result;
   result.reserve(points.size());
-  for (const geometry_msgs::Point32& p : points) result.push_back(fromPoint32(p));
+  for (const geometry_msgs::Point32& p : points)
+    result.push_back(fromPoint32(p));
   return result;
 }
 
 std::vector<double> flatten(const std::vector<core::Vector3>& vectors) {
   std::vector<double> values;
   values.reserve(3 * vectors.size());
-  for (const core::Vector3& v : vectors) values.insert(values.end(), v.data(), v.data() + 3);
+  for (const core::Vector3& v : vectors)
+    values.insert(values.end(), v.data(), v.data() + 3);
   return values;
 }
 
 std::vector<core::Vector3> unflatten(const std::vector<double>& values, const char* name) {
-  if (values.size() % 3 != 0) throw core::InputError(std::string(name) + " does not hold three numbers per entry");
+  if (values.size() % 3 != 0)
+    throw core::InputError(std::string(name) + " does not hold three numbers per entry");
   std::vector<core::Vector3> vectors(values.size() / 3);
   for (std::size_t n = 0; n < vectors.size(); ++n) {
     vectors[n] = core::Vector3(values[3 * n], values[3 * n + 1], values[3 * n + 2]);
@@ -64,7 +70,8 @@ core::VolumeGeometry geometryOf(const Volume& message) {
     geometry.dims[d] = static_cast<int>(message.dims[d]);
     geometry.spacing_m[d] = message.spacing[d];
     geometry.origin_m[d] = message.origin[d];
-    for (int c = 0; c < 3; ++c) geometry.direction(d, c) = message.direction[3 * d + c];
+    for (int c = 0; c < 3; ++c)
+      geometry.direction(d, c) = message.direction[3 * d + c];
   }
   return geometry;
 }
@@ -99,9 +106,11 @@ core::HeldForce fromMessage(const HeldForce& message) {
 /// Rows of N numbers as the message keeps them: one after the other.
 template <std::size_t N, typename T>
 std::vector<std::array<T, N>> rows(const std::vector<T>& values, const char* name) {
-  if (values.size() % N != 0) throw core::InputError(std::string(name) + " has an incomplete row");
+  if (values.size() % N != 0)
+    throw core::InputError(std::string(name) + " has an incomplete row");
   std::vector<std::array<T, N>> result(values.size() / N);
-  for (std::size_t n = 0; n < values.size(); ++n) result[n / N][n % N] = values[n];
+  for (std::size_t n = 0; n < values.size(); ++n)
+    result[n / N][n % N] = values[n];
   return result;
 }
 
@@ -155,9 +164,13 @@ geometry_msgs::Pose toPose(const core::Pose& pose) {
   return message;
 }
 
-core::Vector3 fromPoint(const geometry_msgs::Point& p) { return {p.x, p.y, p.z}; }
+core::Vector3 fromPoint(const geometry_msgs::Point& p) {
+  return {p.x, p.y, p.z};
+}
 
-core::Vector3 fromVector(const geometry_msgs::Vector3& v) { return {v.x, v.y, v.z}; }
+core::Vector3 fromVector(const geometry_msgs::Vector3& v) {
+  return {v.x, v.y, v.z};
+}
 
 core::Pose fromPose(const geometry_msgs::Pose& pose) {
   const auto& q = pose.orientation;
@@ -175,7 +188,8 @@ Volume toMessage(const core::Session& session) {
     message.dims[d] = static_cast<std::uint32_t>(geometry.dims[d]);
     message.spacing[d] = geometry.spacing_m[d];
     message.origin[d] = geometry.origin_m[d];
-    for (int c = 0; c < 3; ++c) message.direction[3 * d + c] = geometry.direction(d, c);
+    for (int c = 0; c < 3; ++c)
+      message.direction[3 * d + c] = geometry.direction(d, c);
   }
   message.scalar_type = static_cast<std::uint8_t>(volume.type());
   message.data = volume.data();
@@ -191,7 +205,8 @@ VolumeAndLabels fromMessage(const Volume& message) {
   const core::VolumeGeometry geometry = geometryOf(message);
   VolumeAndLabels result;
   result.volume = std::make_shared<core::Volume>(geometry, scalarType(message.scalar_type), message.data);
-  if (result.volume->hash() != message.hash) throw core::InputError("volume: the content does not have the stated hash");
+  if (result.volume->hash() != message.hash)
+    throw core::InputError("volume: the content does not have the stated hash");
   if (!message.labels.empty()) {
     result.labels = std::make_shared<core::Volume>(geometry, scalarType(message.label_type), message.labels);
   }
@@ -228,7 +243,8 @@ GridTopology topologyMessage(const core::Session& session) {
   message.texture_coordinates = toPoints32(topology.texture_coordinates);
   message.fixed = topology.fixed;
   message.origin_vertices = lattice.origin_vertices;
-  for (const core::CellType type : topology.cell_types) message.cell_types.push_back(static_cast<std::uint8_t>(type));
+  for (const core::CellType type : topology.cell_types)
+    message.cell_types.push_back(static_cast<std::uint8_t>(type));
   message.cell_offsets = topology.cell_offsets;
   message.connectivity = topology.connectivity;
   message.parent_cells = lattice.parent_cells;
@@ -239,7 +255,8 @@ GridTopology topologyMessage(const core::Session& session) {
 }
 
 core::Topology fromMessage(const GridTopology& message) {
-  if (message.delta) throw core::InputError("grid topology: a delta, where this version needs a full message");
+  if (message.delta)
+    throw core::InputError("grid topology: a delta, where this version needs a full message");
   if (message.rest_positions.size() != message.vertex_count || message.cell_types.size() != message.cell_count) {
     throw core::InputError("grid topology: the arrays do not have vertex_count and cell_count entries");
   }
@@ -249,7 +266,8 @@ core::Topology fromMessage(const GridTopology& message) {
   topology.rest_positions = fromPoints32(message.rest_positions);
   topology.texture_coordinates = fromPoints32(message.texture_coordinates);
   topology.fixed = message.fixed;
-  for (const std::uint8_t type : message.cell_types) topology.cell_types.push_back(static_cast<core::CellType>(type));
+  for (const std::uint8_t type : message.cell_types)
+    topology.cell_types.push_back(static_cast<core::CellType>(type));
   topology.cell_offsets = message.cell_offsets;
   topology.connectivity = message.connectivity;
   topology.materials = message.materials;
@@ -346,17 +364,20 @@ ToolCut toMessage(const core::ToolCutCommand& command) {
   ToolCut message;
   setCommandHeader(command.header, message);
   for (const core::SweptQuad& quad : command.quads) {
-    for (const core::Vector3& p : quad) message.quads.push_back(toPoint(p));
+    for (const core::Vector3& p : quad)
+      message.quads.push_back(toPoint(p));
   }
   return message;
 }
 
 core::ToolCutCommand fromMessage(const ToolCut& message) {
-  if (message.quads.size() % 4 != 0) throw core::InputError("a cut needs four points per quad");
+  if (message.quads.size() % 4 != 0)
+    throw core::InputError("a cut needs four points per quad");
   core::ToolCutCommand command;
   command.header = commandHeader(message);
   command.quads.resize(message.quads.size() / 4);
-  for (std::size_t n = 0; n < message.quads.size(); ++n) command.quads[n / 4][n % 4] = fromPoint(message.quads[n]);
+  for (std::size_t n = 0; n < message.quads.size(); ++n)
+    command.quads[n / 4][n % 4] = fromPoint(message.quads[n]);
   return command;
 }
 
@@ -372,7 +393,8 @@ SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpo
   message.positions = flatten(checkpoint.state.positions_m);
   message.velocities = flatten(checkpoint.state.velocities_m_s);
   message.lifetimes = checkpoint.state.lifetimes;
-  for (const auto& force : checkpoint.state.forces) message.forces.push_back(toMessage(force.first, force.second));
+  for (const auto& force : checkpoint.state.forces)
+    message.forces.push_back(toMessage(force.first, force.second));
   for (const auto& sequence : checkpoint.sequences) {
     message.sequence_tools.push_back(sequence.first);
     message.sequences.push_back(sequence.second);
@@ -396,7 +418,8 @@ core::Checkpoint fromMessage(const SimulationCheckpoint& message) {
   checkpoint.state.positions_m = unflatten(message.positions, "positions");
   checkpoint.state.velocities_m_s = unflatten(message.velocities, "velocities");
   checkpoint.state.lifetimes = message.lifetimes;
-  for (const HeldForce& force : message.forces) checkpoint.state.forces[force.tool_id] = fromMessage(force);
+  for (const HeldForce& force : message.forces)
+    checkpoint.state.forces[force.tool_id] = fromMessage(force);
   if (message.sequence_tools.size() != message.sequences.size()) {
     throw core::InputError("the checkpoint's sequence numbers do not fit their tools");
   }

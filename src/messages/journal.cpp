@@ -78,13 +78,19 @@ const JournalEntry& Journal::reapply(const JournalEntry& recorded) {
   if (recorded.outcome == JournalEntry::NOTED) {
     return note(recorded.topic, recorded.type, recorded.payload, recorded.reason);
   }
-  if (recorded.topic == topics::kToolForce) return apply(fromPayload<ToolForce>(recorded.payload));
-  if (recorded.topic == topics::kToolCut) return apply(fromPayload<ToolCut>(recorded.payload));
-  if (recorded.topic == topics::kToolGrip) return apply(fromPayload<ToolGrip>(recorded.payload));
-  if (recorded.topic == topics::kRestoreCheckpoint) return apply(fromPayload<SimulationCheckpoint>(recorded.payload));
+  if (recorded.topic == topics::kToolForce)
+    return apply(fromPayload<ToolForce>(recorded.payload));
+  if (recorded.topic == topics::kToolCut)
+    return apply(fromPayload<ToolCut>(recorded.payload));
+  if (recorded.topic == topics::kToolGrip)
+    return apply(fromPayload<ToolGrip>(recorded.payload));
+  if (recorded.topic == topics::kRestoreCheckpoint)
+    return apply(fromPayload<SimulationCheckpoint>(recorded.payload));
   throw core::InputError("the journal holds an input from '" + recorded.topic + "', which this version does not know");
 }
 
-std::vector<JournalEntry> Journal::take() { return std::exchange(entries_, {}); }
+std::vector<JournalEntry> Journal::take() {
+  return std::exchange(entries_, {});
+}
 
 }  // namespace soft_volume

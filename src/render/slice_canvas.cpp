@@ -214,7 +214,8 @@ std::string fragmentSource(bool depth, bool shaded) {
 }  // namespace
 
 struct SliceCanvas::Program {
-  Program(const GlFunctions& gl, bool depth, bool shaded) : id(link(gl, kVertexShader, fragmentSource(depth, shaded))), gl_(gl) {}
+  Program(const GlFunctions& gl, bool depth, bool shaded)
+      : id(link(gl, kVertexShader, fragmentSource(depth, shaded))), gl_(gl) {}
   GLint operator[](const char* uniform) const { return gl_.GetUniformLocation(id, uniform); }
   const GLuint id;
 

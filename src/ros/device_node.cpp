@@ -26,17 +26,17 @@ DeviceNode::DeviceNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     : node_(node), diagnostics_(node, private_node) {
   const auto scene_file =
       requiredParameter<std::string>(private_node, "scene", "the scene file whose device section is played");
-  frame_id_ = private_node.param<std::string>("frame_id", "volume");
+  frame_id_ = parameter<std::string>(private_node, "frame_id", "volume");
   device_ = std::make_unique<core::VirtualDevice>(core::loadScene(scene_file).device);
   pose_publisher_ = node_.advertise<geometry_msgs::PoseStamped>(topics::kMeasuredPose, 1000);
   velocity_publisher_ = node_.advertise<geometry_msgs::TwistStamped>(topics::kMeasuredVelocity, 1000);
   button_publisher_ = node_.advertise<sensor_msgs::Joy>(topics::kButtons, 1000);
-  servo_subscriber_ = node_.subscribe(topics::kServoForce, 10, &DeviceNode::hearServo, this,
-                                      ros::TransportHints().tcpNoDelay());
+  servo_subscriber_ =
+      node_.subscribe(topics::kServoForce, 10, &DeviceNode::hearServo, this, ros::TransportHints().tcpNoDelay());
   diagnostics_.setHardwareID("virtual haptic device");
   diagnostics_.add("device", this, &DeviceNode::diagnose);
-  diagnostics_timer_ =
-      node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
+                                             [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
   thread_ = std::thread([this] { run(); });
 }
 
@@ -47,7 +47,8 @@ DeviceNode::~DeviceNode() {
 
 void DeviceNode::hearServo(const geometry_msgs::WrenchStamped::ConstPtr& message) {
   const core::Vector3 force = fromVector(message->wrench.force);
-  if (!core::isFinite(force)) incidents_.report(topics::kServoForce, "the force is not finite; it is taken as zero");
+  if (!core::isFinite(force))
+    incidents_.report(topics::kServoForce, "the force is not finite; it is taken as zero");
   const std::lock_guard<std::mutex> lock(mutex_);
   device_->setServoForce(force);
 }
@@ -57,8 +58,12 @@ void DeviceNode::run() {
   std::int64_t ticks = 0;
   while (running_ && ros::ok()) {
     const ros::Time now = ros::Time::now();
-    if (start.isZero()) start = now;  // simulated time is zero until its first clock message
-    std::int64_t due = start.isZero() ? 0 : static_cast<std::int64_t>(std::floor((now - start).toSec() / core::VirtualDevice::kStep_s + 1e-6));
+    if (start.isZero())
+      start = now;  // simulated time is zero until its first clock message
+    std::int64_t due =
+        start.isZero()
+            ? 0
+            : static_cast<std::int64_t>(std::floor((now - start).toSec() / core::VirtualDevice::kStep_s + 1e-6));
     if (ros::Time::useSystemTime() && due - ticks > kStallTicks) {
       skipped_ticks_ += static_cast<std::uint64_t>(due - ticks - 1);
       start += ros::Duration(static_cast<double>(due - ticks - 1) * core::VirtualDevice::kStep_s);
@@ -81,7 +86,8 @@ void DeviceNode::tick(const ros::Time& stamp) {
     pose.pose = toPose(device_->pose());
     velocity.twist.linear = toVector(device_->velocity_m_s());
     const core::Buttons buttons = device_->buttons();
-    for (std::size_t b = 0; b < kPublishedButtons; ++b) joy.buttons.push_back(buttons[b] ? 1 : 0);
+    for (std::size_t b = 0; b < kPublishedButtons; ++b)
+      joy.buttons.push_back(buttons[b] ? 1 : 0);
   }
   pose.header.stamp = velocity.header.stamp = joy.header.stamp = stamp;
   pose.header.frame_id = velocity.header.frame_id = frame_id_;

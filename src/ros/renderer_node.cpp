@@ -82,16 +82,18 @@ RendererNode::RendererNode(const ros::NodeHandle& node, const ros::NodeHandle& p
   stats_publisher_ = node_.advertise<RenderStats>(topics::kRenderStats, 1000);
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   subscribers_ = {
-      node_.subscribe<Scene>(topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, nullptr, hints),
-      node_.subscribe<Volume>(topics::kVolume, 10, [this](const Volume::ConstPtr& m) { hearVolume(m); }, nullptr, hints),
-      node_.subscribe<GridTopology>(topics::kTopology, 100,
-                                    [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, nullptr, hints),
-      node_.subscribe<GridState>(topics::kState, 100, [this](const GridState::ConstPtr& m) { hearState(m); }, nullptr,
-                                 hints)};
+      node_.subscribe<Scene>(
+          topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, nullptr, hints),
+      node_.subscribe<Volume>(
+          topics::kVolume, 10, [this](const Volume::ConstPtr& m) { hearVolume(m); }, nullptr, hints),
+      node_.subscribe<GridTopology>(
+          topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, nullptr, hints),
+      node_.subscribe<GridState>(
+          topics::kState, 100, [this](const GridState::ConstPtr& m) { hearState(m); }, nullptr, hints)};
   diagnostics_.setHardwareID("none");
   diagnostics_.add("renderer", this, &RendererNode::diagnose);
-  diagnostics_timer_ =
-      node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
+                                             [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
   thread_ = std::thread([this] { run(); });
 }
 
@@ -105,7 +107,8 @@ void RendererNode::hearScene(const Scene::ConstPtr& message) {
   try {
     auto scene = std::make_shared<core::Scene>(core::parseScene(message->yaml, "the scene message", "/"));
     Channels channels;
-    for (const core::CameraSettings& settings : scene->rendering.cameras) channels.push_back(openCamera(settings));
+    for (const core::CameraSettings& settings : scene->rendering.cameras)
+      channels.push_back(openCamera(settings));
     const std::lock_guard<std::mutex> lock(mutex_);
     scene_ = std::move(scene);
     channels_ = std::move(channels);
@@ -118,7 +121,8 @@ void RendererNode::hearScene(const Scene::ConstPtr& message) {
 /// Opens the topics of a camera, or keeps those that are open: subscribers stay connected across sessions.
 std::shared_ptr<RendererNode::CameraChannel> RendererNode::openCamera(const core::CameraSettings& settings) {
   for (const auto& open : channels_) {
-    if (open->name != settings.name) continue;
+    if (open->name != settings.name)
+      continue;
     const std::lock_guard<std::mutex> lock(mutex_);
     open->camera = settings.camera;
     open->next_due_s = 0.0;
@@ -130,21 +134,23 @@ std::shared_ptr<RendererNode::CameraChannel> RendererNode::openCamera(const core
   channel->camera = settings.camera;
   std::weak_ptr<CameraChannel> weak = channel;
   const auto joined = [this, weak] {
-    if (const auto c = weak.lock()) c->redraw = true;
+    if (const auto c = weak.lock())
+      c->redraw = true;
     wake_.notify_all();
   };
   const auto image_joined = [joined](const image_transport::SingleSubscriberPublisher&) { joined(); };
   const auto info_joined = [joined](const ros::SingleSubscriberPublisher&) { joined(); };
   const image_transport::SubscriberStatusCallback no_image;
   const ros::SubscriberStatusCallback no_info;
-  channel->image = transport_.advertiseCamera(settings.name + "/image_raw", 100, image_joined, no_image, info_joined,
-                                              no_info);
+  channel->image =
+      transport_.advertiseCamera(settings.name + "/image_raw", 100, image_joined, no_image, info_joined, no_info);
   channel->compressed =
       node_.advertise<sensor_msgs::CompressedImage>(settings.name + "/image_raw/compressed", 100, info_joined);
   channel->depth = node_.advertise<sensor_msgs::Image>(settings.name + "/depth", 100, info_joined);
   channel->view = node_.subscribe<geometry_msgs::PoseStamped>(
       settings.name + "/view", 10, [this, weak](const geometry_msgs::PoseStamped::ConstPtr& m) {
-        if (const auto c = weak.lock()) hearView(c, *m);
+        if (const auto c = weak.lock())
+          hearView(c, *m);
       });
   return channel;
 }
@@ -181,7 +187,8 @@ void RendererNode::hearTopology(const GridTopology::ConstPtr& message) {
     decoder_.expect(topology->session, topology->revision, topology->rest_positions);
     topology_ = std::move(topology);
     topology_step_ = message->step;
-    if (early_state_ && !isEarly(*early_state_)) applyState(*std::exchange(early_state_, nullptr));
+    if (early_state_ && !isEarly(*early_state_))
+      applyState(*std::exchange(early_state_, nullptr));
   } catch (const core::Error& error) {
     incidents_.report(topics::kTopology, error.what());
   }
@@ -195,7 +202,8 @@ void RendererNode::hearState(const GridState::ConstPtr& message) {
       return;
     }
     const bool overtaken = message->revision < topology_->revision && message->step < topology_step_;
-    if (overtaken) return;  // by an incision
+    if (overtaken)
+      return;  // by an incision
     applyState(*message);
   } catch (const core::Error& error) {
     incidents_.report(topics::kState, error.what());
@@ -217,14 +225,17 @@ void RendererNode::keepEarly(const GridState::ConstPtr& message) {
                                           ", revision " + std::to_string(early_state_->revision) + " does not come");
     early_state_.reset();
   }
-  if (!message->key_frame) return;
-  if (!early_state_) early_since_ = now;
+  if (!message->key_frame)
+    return;
+  if (!early_state_)
+    early_since_ = now;
   early_state_ = message;
 }
 
 /// Needs the lock.
 void RendererNode::applyState(const GridState& message) {
-  if (decoder_.apply(fromMessage(message)) != core::StateDecoder::Result::kApplied) return;
+  if (decoder_.apply(fromMessage(message)) != core::StateDecoder::Result::kApplied)
+    return;
   state_header_ = message.header;
   state_time_s_ = message.simulation_time;
   ++state_number_;
@@ -233,7 +244,8 @@ void RendererNode::applyState(const GridState& message) {
 bool RendererNode::takeSnapshot(Snapshot& snapshot) {
   std::unique_lock<std::mutex> lock(mutex_);
   wake_.wait_for(lock, std::chrono::milliseconds(20));
-  if (!scene_ || !volume_ || !topology_ || !decoder_.hasState() || session_ != topology_->session) return false;
+  if (!scene_ || !volume_ || !topology_ || !decoder_.hasState() || session_ != topology_->session)
+    return false;
   drawn_scene_ = scene_;
   drawn_volume_ = volume_;
   drawn_topology_ = topology_;
@@ -254,17 +266,22 @@ void RendererNode::run() {
   std::shared_ptr<const core::Topology> topology;
   Snapshot snapshot;
   while (running_ && ros::ok()) {
-    if (!takeSnapshot(snapshot)) continue;
+    if (!takeSnapshot(snapshot))
+      continue;
     const auto wanted = [&](const auto& channel) { return wantsFrame(*channel, snapshot); };
-    if (std::none_of(snapshot.channels.begin(), snapshot.channels.end(), wanted)) continue;
+    if (std::none_of(snapshot.channels.begin(), snapshot.channels.end(), wanted))
+      continue;
     try {
-      if (!renderer_) renderer_ = std::make_unique<core::SliceRenderer>();
-      if (drawn_volume_ != volume) renderer_->setVolume(volume = drawn_volume_);
+      if (!renderer_)
+        renderer_ = std::make_unique<core::SliceRenderer>();
+      if (drawn_volume_ != volume)
+        renderer_->setVolume(volume = drawn_volume_);
       if (drawn_scene_ != scene) {
         scene = drawn_scene_;
         renderer_->setTransferFunction(scene->rendering.transfer_function);
       }
-      if (drawn_topology_ != topology) renderer_->setTopology(*(topology = drawn_topology_));
+      if (drawn_topology_ != topology)
+        renderer_->setTopology(*(topology = drawn_topology_));
       drawAll(snapshot);
     } catch (const core::Error& error) {
       incidents_.report("rendering", error.what());
@@ -277,15 +294,18 @@ void RendererNode::run() {
 bool RendererNode::wantsFrame(CameraChannel& channel, const Snapshot& snapshot) const {
   const bool watched = channel.image.getNumSubscribers() > 0 || channel.compressed.getNumSubscribers() > 0 ||
                        channel.depth.getNumSubscribers() > 0;
-  if (!watched) return false;
-  if (channel.redraw) return true;
+  if (!watched)
+    return false;
+  if (channel.redraw)
+    return true;
   return snapshot.number != channel.drawn_state && snapshot.simulation_time_s >= channel.next_due_s - 1e-9;
 }
 
 void RendererNode::drawAll(const Snapshot& snapshot) {
   const double interval_s = 1.0 / drawn_scene_->rendering.rate_hz;
   for (const auto& channel : snapshot.channels) {
-    if (!wantsFrame(*channel, snapshot)) continue;
+    if (!wantsFrame(*channel, snapshot))
+      continue;
     channel->redraw = false;
     const double late_s = snapshot.simulation_time_s - channel->next_due_s;
     if (channel->drawn_state != 0 && late_s > interval_s) {
@@ -340,7 +360,8 @@ void RendererNode::publishFrame(CameraChannel& channel, const Snapshot& snapshot
   if (channel.compressed.getNumSubscribers() > 0) {
     channel.compressed.publish(compressedImage(image, drawn_scene_->rendering.jpeg_quality, header));
   }
-  if (!frame.depth_m.empty()) channel.depth.publish(depthImage(frame, header));
+  if (!frame.depth_m.empty())
+    channel.depth.publish(depthImage(frame, header));
   stats.header = header;
   stats.image_hash = core::hashVector(image.rgb);
   stats.frames_published = ++channel.published;

@@ -39,7 +39,9 @@ double milliseconds(std::chrono::steady_clock::duration duration) {
 }
 
 /// Never 0 and new for every session on this machine.
-std::uint64_t newSessionId() { return ros::WallTime::now().toNSec(); }
+std::uint64_t newSessionId() {
+  return ros::WallTime::now().toNSec();
+}
 
 std::uint64_t applyAtStep(const std::variant<ToolForce::ConstPtr, ToolCut::ConstPtr, ToolGrip::ConstPtr>& input) {
   return std::visit([](const auto& message) { return message->apply_at_step; }, input);
@@ -53,9 +55,9 @@ SimulationNode::SimulationNode(const ros::NodeHandle& node, const ros::NodeHandl
   threads_ = parameter<int>(private_node_, "threads", 1, 1, 256);
   real_time_factor_ = parameter<double>(private_node_, "real_time_factor", 1.0, 0.0, 1000.0);
   stop_after_s_ = parameter<double>(private_node_, "stop_after_s", 0.0, 0.0, 1e9);
-  publish_clock_ = private_node_.param("publish_clock", false);
-  paused_ = private_node_.param("start_paused", false);
-  frame_id_ = private_node_.param<std::string>("frame_id", "volume");
+  publish_clock_ = parameter<bool>(private_node_, "publish_clock", false);
+  paused_ = parameter<bool>(private_node_, "start_paused", false);
+  frame_id_ = parameter<std::string>(private_node_, "frame_id", "volume");
 
   scene_ = core::loadScene(scene_file);
   volumes_ = core::readVolumes(scene_);
@@ -72,8 +74,8 @@ SimulationNode::SimulationNode(const ros::NodeHandle& node, const ros::NodeHandl
   subscribe();
   diagnostics_.setHardwareID("none");
   diagnostics_.add("simulation", this, &SimulationNode::diagnose);
-  diagnostics_timer_ =
-      node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
+                                             [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
   thread_ = std::thread([this] { run(); });
 }
 
@@ -98,7 +100,8 @@ void SimulationNode::advertise() {
   journal_publisher_ = node_.advertise<SimulationJournal>(topics::kJournal, 1000);
   checkpoint_publisher_ = node_.advertise<SimulationCheckpoint>(topics::kCheckpoint, 1, true);
   stats_publisher_ = node_.advertise<SimulationStats>(topics::kSimulationStats, 10, true);
-  if (publish_clock_) clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>("/clock", 100);
+  if (publish_clock_)
+    clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>("/clock", 100);
 
   using Trigger = std_srvs::Trigger;
   using Ok = bool;
@@ -134,7 +137,8 @@ void SimulationNode::advertise() {
           return true;
         }
         inLoop([this, &request, &response] {
-          if (!paused_) return;
+          if (!paused_)
+            return;
           for (std::uint32_t n = 0; n < request.steps && running_; ++n) {
             applyInputs();
             advance();
@@ -157,7 +161,8 @@ void SimulationNode::advertise() {
         return true;
       }));
   services_.push_back(node_.advertiseService<RestoreCheckpoint::Request, RestoreCheckpoint::Response>(
-      topics::kRestoreCheckpoint, [this](RestoreCheckpoint::Request& request, RestoreCheckpoint::Response& response) -> Ok {
+      topics::kRestoreCheckpoint,
+      [this](RestoreCheckpoint::Request& request, RestoreCheckpoint::Response& response) -> Ok {
         inLoop([this, &request, &response] {
           try {
             startSession(&request.checkpoint);
@@ -176,14 +181,14 @@ void SimulationNode::advertise() {
 void SimulationNode::subscribe() {
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   subscribers_ = {
-      node_.subscribe<ToolForce>(topics::kToolForce, 1000,
-                                 [this](const ToolForce::ConstPtr& m) { queueInput(m); }, nullptr, hints),
-      node_.subscribe<ToolCut>(topics::kToolCut, 1000, [this](const ToolCut::ConstPtr& m) { queueInput(m); },
-                               nullptr, hints),
-      node_.subscribe<ToolGrip>(topics::kToolGrip, 1000, [this](const ToolGrip::ConstPtr& m) { queueInput(m); },
-                                nullptr, hints),
-      node_.subscribe<ToolState>(topics::kToolState, 100, [this](const ToolState::ConstPtr& m) { hearTool(m); },
-                                 nullptr, hints)};
+      node_.subscribe<ToolForce>(
+          topics::kToolForce, 1000, [this](const ToolForce::ConstPtr& m) { queueInput(m); }, nullptr, hints),
+      node_.subscribe<ToolCut>(
+          topics::kToolCut, 1000, [this](const ToolCut::ConstPtr& m) { queueInput(m); }, nullptr, hints),
+      node_.subscribe<ToolGrip>(
+          topics::kToolGrip, 1000, [this](const ToolGrip::ConstPtr& m) { queueInput(m); }, nullptr, hints),
+      node_.subscribe<ToolState>(
+          topics::kToolState, 100, [this](const ToolState::ConstPtr& m) { hearTool(m); }, nullptr, hints)};
 }
 
 void SimulationNode::queueInput(Input input) {
@@ -222,7 +227,8 @@ bool SimulationNode::inLoop(const std::function<void()>& work) {
   }
   wake_.notify_all();
   while (result.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
-    if (!running_ || !ros::ok()) return false;
+    if (!running_ || !ros::ok())
+      return false;
   }
   return true;
 }
@@ -239,7 +245,8 @@ void SimulationNode::run() {
     } else if (key_frame_wanted_) {
       publishState(true);  // somebody joined, and no step will bring a state
     }
-    if (Clock::now() - stats_time_ >= std::chrono::seconds(1)) publishStats();
+    if (Clock::now() - stats_time_ >= std::chrono::seconds(1))
+      publishStats();
     if (stop_after_s_ > 0.0 && session_->simulationTime() >= stop_after_s_) {
       publishState(true);
       publishJournal();
@@ -257,16 +264,21 @@ void SimulationNode::runCommands() {
   std::vector<std::function<void()>> commands;
   {
     std::unique_lock<std::mutex> lock(mutex_);
-    if (paused_ && commands_.empty()) wake_.wait_for(lock, std::chrono::milliseconds(20));
+    if (paused_ && commands_.empty())
+      wake_.wait_for(lock, std::chrono::milliseconds(20));
     commands.swap(commands_);
   }
-  for (const auto& command : commands) command();
+  for (const auto& command : commands)
+    command();
 }
 
-bool SimulationNode::mayStep() { return !paused_; }
+bool SimulationNode::mayStep() {
+  return !paused_;
+}
 
 void SimulationNode::waitForDueTime() {
-  if (real_time_factor_ <= 0.0) return;
+  if (real_time_factor_ <= 0.0)
+    return;
   due_ += std::chrono::duration_cast<Clock::duration>(
       std::chrono::duration<double>(scene_.simulation.dt_s / real_time_factor_));
   const Clock::time_point now = Clock::now();
@@ -279,14 +291,16 @@ void SimulationNode::waitForDueTime() {
 
 /// With simulated time a slow machine slows the simulation down instead of starving the hand.
 void SimulationNode::waitForTools() {
-  if (!publish_clock_) return;
+  if (!publish_clock_)
+    return;
   const ros::Time needed = stampNow() - ros::Duration(kToolLead_s);
   const auto behind = [&needed](const auto& entry) { return entry.second.stamp < needed; };
   std::unique_lock<std::mutex> lock(mutex_);
   const bool caught_up = wake_.wait_for(lock, kToolTimeout, [&] {
     return !running_ || std::none_of(patch_requests_.begin(), patch_requests_.end(), behind);
   });
-  if (caught_up) return;
+  if (caught_up)
+    return;
   for (auto it = patch_requests_.begin(); it != patch_requests_.end();) {
     it = behind(*it) ? patch_requests_.erase(it) : std::next(it);
   }
@@ -318,10 +332,12 @@ void SimulationNode::applyInput(const Input& input) {
   std::visit(
       [this](const auto& message) {
         const JournalEntry& entry = journal_->apply(*message);
-        if (entry.outcome == JournalEntry::REFUSED) incidents_.report(entry.topic, entry.reason);
+        if (entry.outcome == JournalEntry::REFUSED)
+          incidents_.report(entry.topic, entry.reason);
       },
       input);
-  if (session_->lattice().revision != published_revision_) publishTopology();
+  if (session_->lattice().revision != published_revision_)
+    publishTopology();
 }
 
 void SimulationNode::advance() {
@@ -330,26 +346,32 @@ void SimulationNode::advance() {
   step_ms_.push_back(static_cast<float>(milliseconds(Clock::now() - start)));
   active_cells_max_ = std::max(active_cells_max_, static_cast<std::uint32_t>(session_->simulation().activeCells()));
   const std::uint64_t step = session_->steps();
-  if (publish_clock_ && clock_every_.due(step)) publishClock();
-  if (patch_every_.due(step)) publishPatches();
-  if (journal_every_.due(step)) publishJournal();
+  if (publish_clock_ && clock_every_.due(step))
+    publishClock();
+  if (patch_every_.due(step))
+    publishPatches();
+  if (journal_every_.due(step))
+    publishJournal();
   const bool key_frame = key_frame_every_.due(step);
-  if (state_every_.due(step) || key_frame) publishState(key_frame);
-  if (checkpoint_every_.due(step)) publishCheckpoint();
+  if (state_every_.due(step) || key_frame)
+    publishState(key_frame);
+  if (checkpoint_every_.due(step))
+    publishCheckpoint();
 }
 
 void SimulationNode::startSession(const SimulationCheckpoint* checkpoint) {
-  auto session =
-      std::make_unique<core::Session>(scene_, volumes_.volume, volumes_.labels, newSessionId(), threads_);
+  auto session = std::make_unique<core::Session>(scene_, volumes_.volume, volumes_.labels, newSessionId(), threads_);
   auto journal = std::make_unique<Journal>(*session);
   if (checkpoint != nullptr) {
     const JournalEntry& entry = journal->apply(*checkpoint);
-    if (entry.outcome != JournalEntry::APPLIED) throw core::InputError(entry.reason);
+    if (entry.outcome != JournalEntry::APPLIED)
+      throw core::InputError(entry.reason);
   }
   if (session_) {
-    publishJournal();  // what the old session still has to say
-    epoch_ = stampNow();
-    if (checkpoint != nullptr) epoch_ -= ros::Duration(session->simulationTime());
+    publishJournal();                                             // what the old session still has to say
+    epoch_ = stampNow() + ros::Duration(scene_.simulation.dt_s);  // no two states with one stamp
+    if (checkpoint != nullptr)
+      epoch_ -= ros::Duration(session->simulationTime());
   }
   session_ = std::move(session);
   journal_ = std::move(journal);
@@ -422,8 +444,10 @@ void SimulationNode::publishPatches() {
   }
   for (const auto& entry : requests) {
     const PatchRequest& request = entry.second;
-    if ((ros::WallTime::now() - request.heard).toSec() > kToolSilence_s) continue;
-    auto message = boost::make_shared<GridPatch>(toMessage(session_->patch(entry.first, request.point_m, request.radius_m)));
+    if ((ros::WallTime::now() - request.heard).toSec() > kToolSilence_s)
+      continue;
+    auto message =
+        boost::make_shared<GridPatch>(toMessage(session_->patch(entry.first, request.point_m, request.radius_m)));
     stamp(*message);
     patch_publisher_.publish(message);
   }
@@ -441,7 +465,9 @@ void SimulationNode::publishClock() {
   clock_publisher_.publish(message);
 }
 
-ros::Time SimulationNode::stampNow() const { return epoch_ + ros::Duration(session_->simulationTime()); }
+ros::Time SimulationNode::stampNow() const {
+  return epoch_ + ros::Duration(session_->simulationTime());
+}
 
 template <typename Message>
 void SimulationNode::stamp(Message& message) const {

@@ -21,7 +21,9 @@ namespace {
 constexpr double kWatchInterval_s = 0.005;
 
 /// The tool's numbers go on after a restart of this node while the simulation remembers the old ones.
-std::uint64_t firstSequence() { return ros::WallTime::now().toNSec(); }
+std::uint64_t firstSequence() {
+  return ros::WallTime::now().toNSec();
+}
 
 }  // namespace
 
@@ -34,27 +36,28 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
   state_publisher_ = node_.advertise<ToolState>(topics::kToolState, 1000);
   servo_publisher_ = node_.advertise<geometry_msgs::WrenchStamped>(topics::kServoForce, 1000);
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-  subscribers_ = {
-      node_.subscribe(topics::kScene, 10, &ToolNode::hearScene, this, hints),
-      node_.subscribe(topics::kVolume, 10, &ToolNode::hearVolume, this, hints),
-      node_.subscribe(topics::kTopology, 100, &ToolNode::hearTopology, this, hints),
-      node_.subscribe(topics::kPatch, 2, &ToolNode::hearPatch, this, hints),
-      node_.subscribe(topics::kMeasuredPose, 100, &ToolNode::hearPose, this, hints),
-      node_.subscribe(topics::kMeasuredVelocity, 100, &ToolNode::hearVelocity, this, hints),
-      node_.subscribe(topics::kButtons, 100, &ToolNode::hearButtons, this, hints)};
+  subscribers_ = {node_.subscribe(topics::kScene, 10, &ToolNode::hearScene, this, hints),
+                  node_.subscribe(topics::kVolume, 10, &ToolNode::hearVolume, this, hints),
+                  node_.subscribe(topics::kTopology, 100, &ToolNode::hearTopology, this, hints),
+                  node_.subscribe(topics::kPatch, 2, &ToolNode::hearPatch, this, hints),
+                  node_.subscribe(topics::kMeasuredPose, 100, &ToolNode::hearPose, this, hints),
+                  node_.subscribe(topics::kMeasuredVelocity, 100, &ToolNode::hearVelocity, this, hints),
+                  node_.subscribe(topics::kButtons, 100, &ToolNode::hearButtons, this, hints)};
   reset_service_ = node_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
         const std::lock_guard<std::mutex> lock(mutex_);
-        for (const auto& tool : tools_) tool->reset();
+        for (const auto& tool : tools_)
+          tool->reset();
         response.success = 1;
         response.message = "forces start at zero again";
         return true;
       });
-  watchdog_ = node_.createWallTimer(ros::WallDuration(kWatchInterval_s), [this](const ros::WallTimerEvent&) { watch(); });
+  watchdog_ =
+      node_.createWallTimer(ros::WallDuration(kWatchInterval_s), [this](const ros::WallTimerEvent&) { watch(); });
   diagnostics_.setHardwareID("none");
   diagnostics_.add("tool", this, &ToolNode::diagnose);
-  diagnostics_timer_ =
-      node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
+                                             [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
 }
 
 void ToolNode::hearScene(const Scene::ConstPtr& message) {
@@ -75,8 +78,10 @@ void ToolNode::makeTools() {
   const std::uint64_t first = firstSequence();
   for (const core::ToolConfig& config : scene_->tools) {
     tools_.push_back(std::make_unique<core::Tool>(config, first));
-    if (volume_) tools_.back()->setVolume(volume_);
-    if (topology_) tools_.back()->setTopology(topology_);
+    if (volume_)
+      tools_.back()->setVolume(volume_);
+    if (topology_)
+      tools_.back()->setTopology(topology_);
   }
 }
 
@@ -87,7 +92,8 @@ void ToolNode::hearVolume(const Volume::ConstPtr& message) {
     volume_ = content.volume;
     for (const auto& tool : tools_) {
       tool->setVolume(volume_);
-      if (topology_) tool->setTopology(topology_);
+      if (topology_)
+        tool->setTopology(topology_);
     }
   } catch (const core::Error& error) {
     incidents_.report(topics::kVolume, error.what());
@@ -99,8 +105,10 @@ void ToolNode::hearTopology(const GridTopology::ConstPtr& message) {
     auto topology = std::make_shared<core::Topology>(fromMessage(*message));
     const std::lock_guard<std::mutex> lock(mutex_);
     topology_ = std::move(topology);
-    if (!volume_) return;
-    for (const auto& tool : tools_) tool->setTopology(topology_);
+    if (!volume_)
+      return;
+    for (const auto& tool : tools_)
+      tool->setTopology(topology_);
   } catch (const core::Error& error) {
     incidents_.report(topics::kTopology, error.what());
   }
@@ -110,9 +118,11 @@ void ToolNode::hearPatch(const GridPatch::ConstPtr& message) {
   try {
     const std::lock_guard<std::mutex> lock(mutex_);
     // Topics are not ordered among each other: a patch of another revision than the topology's is early or late.
-    if (!topology_ || message->session != topology_->session || message->revision != topology_->revision) return;
+    if (!topology_ || message->session != topology_->session || message->revision != topology_->revision)
+      return;
     for (const auto& tool : tools_) {
-      if (tool->config().id == message->tool_id) tool->setPatch(fromMessage(*message));
+      if (tool->config().id == message->tool_id)
+        tool->setPatch(fromMessage(*message));
     }
   } catch (const core::Error& error) {
     incidents_.report(topics::kPatch, error.what());
@@ -122,7 +132,8 @@ void ToolNode::hearPatch(const GridPatch::ConstPtr& message) {
 void ToolNode::hearPose(const geometry_msgs::PoseStamped::ConstPtr& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   // CRTK: a zero stamp says that the data is not valid. Silence is then what the watchdog acts on.
-  if (message->header.stamp.isZero()) return;
+  if (message->header.stamp.isZero())
+    return;
   if (!message->header.frame_id.empty() && message->header.frame_id != frame_id_) {
     incidents_.report(topics::kMeasuredPose, "the pose is in frame '" + message->header.frame_id + "' and not in '" +
                                                  frame_id_ + "': transform it before");
@@ -142,7 +153,8 @@ void ToolNode::hearPose(const geometry_msgs::PoseStamped::ConstPtr& message) {
 
 void ToolNode::hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (message->header.stamp.isZero()) return;
+  if (message->header.stamp.isZero())
+    return;
   const core::Vector3 velocity = fromVector(message->twist.linear);
   if (!core::isFinite(velocity)) {
     incidents_.report(topics::kMeasuredVelocity, "the velocity is not finite");
@@ -155,16 +167,19 @@ void ToolNode::hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message
 void ToolNode::hearButtons(const sensor_msgs::Joy::ConstPtr& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   core::Buttons buttons;
-  for (std::size_t b = 0; b < std::min(message->buttons.size(), buttons.size()); ++b) buttons[b] = message->buttons[b] != 0;
+  for (std::size_t b = 0; b < std::min(message->buttons.size(), buttons.size()); ++b)
+    buttons[b] = message->buttons[b] != 0;
   const bool swap = scene_ && buttons[scene_->swap_button] && !input_.buttons[scene_->swap_button];
   input_.buttons = buttons;
-  if (swap) swapTool();
+  if (swap)
+    swapTool();
 }
 
 /// The tool that is put down lets go of the tissue: reset() ends its contact, and the simulation lets its last force
 /// expire.
 void ToolNode::swapTool() {
-  if (tools_.size() < 2) return;
+  if (tools_.size() < 2)
+    return;
   tool().reset();
   selected_ = (selected_ + 1) % tools_.size();
   tool().reset();
@@ -184,12 +199,14 @@ double ToolNode::now() const {
 
 void ToolNode::watch() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!has_pose_ || (ros::WallTime::now() - pose_heard_).toSec() < kWatchInterval_s) return;
+  if (!has_pose_ || (ros::WallTime::now() - pose_heard_).toSec() < kWatchInterval_s)
+    return;
   update();
 }
 
 void ToolNode::update() {
-  if (tools_.empty() || !has_pose_) return;
+  if (tools_.empty() || !has_pose_)
+    return;
   input_.time_s = now();
   publish(tool().update(input_));
 }
@@ -229,7 +246,8 @@ void ToolNode::publishState(const core::ToolOutput& output, const std_msgs::Head
   state.kind = static_cast<std::uint8_t>(config.kind);
   state.pose = toPose(input_.pose);
   state.twist.linear = toVector(output.velocity_m_s);
-  for (std::size_t b = 0; b < 8; ++b) state.buttons.push_back(static_cast<std::uint8_t>(input_.buttons[b]));
+  for (std::size_t b = 0; b < 8; ++b)
+    state.buttons.push_back(static_cast<std::uint8_t>(input_.buttons[b]));
   state.patch_radius = config.patch_radius_m;
   state.in_contact = static_cast<std::uint8_t>(output.contact.touching);
   state.surface_point = toPoint(output.contact.surface_point_m);
@@ -257,7 +275,8 @@ void ToolNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
   } else {
     status.summary(DiagnosticStatus::OK, last_output_.contact.touching ? "in contact" : "free");
   }
-  if (!tools_.empty()) status.add("tool", tool().config().id);
+  if (!tools_.empty())
+    status.add("tool", tool().config().id);
   status.add("force on the device [N]", last_output_.device_force_n.norm());
   status.add("penetration [m]", last_output_.contact.penetration_m);
   status.add("coupling stiffness [N/m]", last_output_.coupling_stiffness_n_m);

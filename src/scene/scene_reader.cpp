@@ -28,14 +28,16 @@ std::string expand(YamlMap& map, const std::string& key, const std::string& text
   std::size_t from = 0;
   for (std::size_t open = text.find("${"); open != std::string::npos; open = text.find("${", from)) {
     const std::size_t close = text.find('}', open);
-    if (close == std::string::npos) map.fail(key, "has ${ without }");
+    if (close == std::string::npos)
+      map.fail(key, "has ${ without }");
     const std::string variable = text.substr(open + 2, close - open - 2);
     const char* value = std::getenv(variable.c_str());
     if (value == nullptr) {
-      map.fail(key, "needs the environment variable " + variable +
-                        (variable == "SOFT_VOLUME_CACHE" ? "; scripts/sample_data makes the sample volumes and says what "
-                                                           "to set"
-                                                         : ""));
+      map.fail(key,
+               "needs the environment variable " + variable +
+                   (variable == "SOFT_VOLUME_CACHE" ? "; scripts/sample_data makes the sample volumes and says what "
+                                                      "to set"
+                                                    : ""));
     }
     result += text.substr(from, open - from) + value;
     from = close + 1;
@@ -44,7 +46,8 @@ std::string expand(YamlMap& map, const std::string& key, const std::string& text
 }
 
 std::string resolvePath(YamlMap& map, const std::string& key, const std::string& text, const std::string& folder) {
-  if (text.empty()) return text;
+  if (text.empty())
+    return text;
   const std::filesystem::path path(expand(map, key, text));
   return (path.is_absolute() ? path : std::filesystem::path(folder) / path).lexically_normal().string();
 }
@@ -68,13 +71,15 @@ void readVoxels(YamlMap& map, Material& material) {
     for (const double label : map.numbers("labels", 0, {-2147483648.0, 2147483647.0})) {
       material.labels.push_back(static_cast<std::int64_t>(label));
     }
-    if (material.labels.empty()) map.fail("labels", "must name at least one label");
+    if (material.labels.empty())
+      map.fail("labels", "must name at least one label");
     return;
   }
   const std::vector<double> interval = map.numbers("intensity", 2, kFinite);
   material.intensity_min = interval[0];
   material.intensity_max = interval[1];
-  if (interval[0] >= interval[1]) map.fail("intensity", "must be [from, to) with from < to");
+  if (interval[0] >= interval[1])
+    map.fail("intensity", "must be [from, to) with from < to");
 }
 
 Material readMaterial(YamlMap& map) {
@@ -101,10 +106,13 @@ std::vector<Material> readMaterials(YamlMap& top) {
   std::set<std::string> names;
   for (YamlMap& map : top.maps("materials")) {
     materials.push_back(readMaterial(map));
-    if (!names.insert(materials.back().name).second) map.fail("name", "is used by another material already");
+    if (!names.insert(materials.back().name).second)
+      map.fail("name", "is used by another material already");
   }
-  if (materials.empty()) top.fail("materials", "must list at least one material");
-  if (materials.size() > 65535) top.fail("materials", "lists more than 65535 materials");
+  if (materials.empty())
+    top.fail("materials", "must list at least one material");
+  if (materials.size() > 65535)
+    top.fail("materials", "lists more than 65535 materials");
   return materials;
 }
 
@@ -115,7 +123,8 @@ LatticeSettings readLattice(YamlMap map) {
   lattice.keep_largest_part = map.flag("keep_largest_part", lattice.keep_largest_part);
   for (YamlMap& region : map.maps("fixed_regions_m")) {
     const Box3 box(region.vector("min", kMetres), region.vector("max", kMetres));
-    if (box.isEmpty()) region.fail("min", "must not exceed max");
+    if (box.isEmpty())
+      region.fail("min", "must not exceed max");
     region.finish();
     lattice.fixed_regions_m.push_back(box);
   }
@@ -131,7 +140,8 @@ SimulationSettings readSimulation(YamlMap map, double& max_tool_force_n) {
   settings.safe_move_fraction = map.number("safe_move_fraction", {0.01, 0.5}, settings.safe_move_fraction);
   settings.activation_radius_m = map.number("activation_radius_m", {0.0, 10.0, "m"}, settings.activation_radius_m);
   const double lifetime_s = map.number("lifetime_s", {0.0, 3600.0, "s"}, 3.0);
-  settings.lifetime_steps = static_cast<std::uint32_t>(std::max(1.0, std::min(4e9, std::round(lifetime_s / settings.dt_s))));
+  settings.lifetime_steps =
+      static_cast<std::uint32_t>(std::max(1.0, std::min(4e9, std::round(lifetime_s / settings.dt_s))));
   max_tool_force_n = map.number("max_tool_force_n", {0.001, 10000.0, "N"}, max_tool_force_n);
   map.finish();
   return settings;
@@ -198,7 +208,8 @@ TransferFunction readTransferFunction(YamlMap map, const std::vector<Material>& 
 Quaternion readOrientation(YamlMap& map, const std::string& key) {
   const std::vector<double> q = map.numbers(key, 4, {-1.001, 1.001});
   const Quaternion orientation(q[3], q[0], q[1], q[2]);
-  if (std::abs(orientation.norm() - 1.0) > 0.01) map.fail(key, "must be a unit quaternion [x, y, z, w]");
+  if (std::abs(orientation.norm() - 1.0) > 0.01)
+    map.fail(key, "must be a unit quaternion [x, y, z, w]");
   // One that is a unit already stays as it is, so that a resolved scene reads back bit for bit.
   return std::abs(orientation.norm() - 1.0) < 1e-12 ? orientation : orientation.normalized();
 }
@@ -242,7 +253,8 @@ CameraSettings readCamera(YamlMap& map) {
     settings.camera.validate();
   } catch (const SceneError& error) {
     const std::string message = error.what();
-    if (message.find(": rendering.cameras") != std::string::npos) throw;
+    if (message.find(": rendering.cameras") != std::string::npos)
+      throw;
     map.fail("name", "'" + settings.name + "' names a camera that cannot be used: " + message);
   }
   map.finish();
@@ -261,7 +273,8 @@ RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials
   std::set<std::string> names;
   for (YamlMap& camera : map.maps("cameras")) {
     rendering.cameras.push_back(readCamera(camera));
-    if (!names.insert(rendering.cameras.back().name).second) camera.fail("name", "is used by another camera already");
+    if (!names.insert(rendering.cameras.back().name).second)
+      camera.fail("name", "is used by another camera already");
   }
   map.finish();
   return rendering;
@@ -334,9 +347,11 @@ WayPoint readWayPoint(YamlMap& map) {
   WayPoint point;
   point.time_s = map.number("time_s", {0.0, 86400.0, "s"});
   point.position_m = map.vector("position_m", kMetres);
-  if (map.has("orientation_xyzw")) point.orientation = readOrientation(map, "orientation_xyzw");
+  if (map.has("orientation_xyzw"))
+    point.orientation = readOrientation(map, "orientation_xyzw");
   if (map.has("buttons")) {
-    for (const double b : map.numbers("buttons", 0, {0.0, 31.0})) point.buttons.set(static_cast<std::size_t>(b));
+    for (const double b : map.numbers("buttons", 0, {0.0, 31.0}))
+      point.buttons.set(static_cast<std::size_t>(b));
   }
   map.finish();
   return point;
@@ -351,7 +366,8 @@ VirtualDeviceConfig readDevice(YamlMap& map, const DeviceLimits& limits) {
   device.hand_damping_n_s_m = map.number("hand_damping_n_s_m", kFinite, device.hand_damping_n_s_m);
   device.position_resolution_m = map.number("position_resolution_m", kFinite, device.position_resolution_m);
   device.workspace_centre_m = map.vector("workspace_centre_m", kMetres, device.workspace_centre_m);
-  for (YamlMap& point : map.maps("way_points")) device.way_points.push_back(readWayPoint(point));
+  for (YamlMap& point : map.maps("way_points"))
+    device.way_points.push_back(readWayPoint(point));
   if (device.way_points.empty()) {
     WayPoint rest;
     rest.position_m = device.workspace_centre_m;
@@ -367,7 +383,8 @@ void readToolsAndDevice(YamlMap& top, Scene& scene) {
   std::set<std::string> ids;
   for (YamlMap& tool : top.maps("tools")) {
     scene.tools.push_back(readTool(tool, limits));
-    if (!ids.insert(scene.tools.back().id).second) tool.fail("id", "is used by another tool already");
+    if (!ids.insert(scene.tools.back().id).second)
+      tool.fail("id", "is used by another tool already");
   }
   scene.swap_button = static_cast<std::uint32_t>(device.integer("swap_button", {0.0, 31.0}, scene.swap_button));
   scene.device = readDevice(device, limits);
@@ -376,7 +393,8 @@ void readToolsAndDevice(YamlMap& top, Scene& scene) {
 
 void checkFootprints(const Scene& scene, const YamlMap& top) {
   for (const ToolConfig& tool : scene.tools) {
-    if (tool.footprint_radius_m >= scene.lattice.spacing_m) continue;
+    if (tool.footprint_radius_m >= scene.lattice.spacing_m)
+      continue;
     top.fail("tools", "has the tool '" + tool.id + "' with a footprint_radius_m below lattice.spacing_m: a load on " +
                           "one vertex depends on the lattice and not on the tissue; make it larger");
   }
@@ -418,7 +436,8 @@ Scene parseScene(const std::string& yaml, const std::string& origin, const std::
 Scene loadScene(const std::string& path) {
   std::ifstream file(path);
   std::ostringstream text;
-  if (!file || !(text << file.rdbuf())) throw SceneError(path + ": the scene file cannot be read");
+  if (!file || !(text << file.rdbuf()))
+    throw SceneError(path + ": the scene file cannot be read");
   return parseScene(text.str(), path, std::filesystem::absolute(path).parent_path().string());
 }
 
@@ -427,7 +446,8 @@ SceneVolumes readVolumes(const Scene& scene) {
     const Volume whole = readVolume(file);
     const VolumeSource& source = scene.volume;
     Vector3i end = source.end;
-    for (int d = 0; d < 3; ++d) end[d] = end[d] == 0 ? whole.geometry().dims[d] : end[d];
+    for (int d = 0; d < 3; ++d)
+      end[d] = end[d] == 0 ? whole.geometry().dims[d] : end[d];
     try {
       return std::make_shared<const Volume>(whole.region(source.begin, end, source.stride));
     } catch (const InputError& error) {
@@ -436,7 +456,8 @@ SceneVolumes readVolumes(const Scene& scene) {
   };
   SceneVolumes volumes;
   volumes.volume = read(scene.volume.file);
-  if (!scene.volume.labels.empty()) volumes.labels = read(scene.volume.labels);
+  if (!scene.volume.labels.empty())
+    volumes.labels = read(scene.volume.labels);
   return volumes;
 }
 

@@ -33,7 +33,8 @@ class Writer {
   template <typename Values>
   void row(const Values& values) {
     out_ << YAML::Flow << YAML::BeginSeq;
-    for (const auto value : values) out_ << exact(static_cast<double>(value));
+    for (const auto value : values)
+      out_ << exact(static_cast<double>(value));
     out_ << YAML::EndSeq;
   }
   void vector(const char* key, const Vector3& v) { numbers(key, std::array<double, 3>{v.x(), v.y(), v.z()}); }
@@ -54,7 +55,8 @@ class Writer {
   template <typename Items, typename Each>
   void list(const char* key, const Items& items, const Each& each) {
     out_ << YAML::Key << key << YAML::Value << YAML::BeginSeq;
-    for (const auto& i : items) each(i);
+    for (const auto& i : items)
+      each(i);
     out_ << YAML::EndSeq;
   }
 
@@ -62,7 +64,9 @@ class Writer {
   YAML::Emitter out_;
 };
 
-std::array<double, 4> xyzw(const Quaternion& q) { return {q.x(), q.y(), q.z(), q.w()}; }
+std::array<double, 4> xyzw(const Quaternion& q) {
+  return {q.x(), q.y(), q.z(), q.w()};
+}
 
 void writeMaterial(Writer& out, const Material& m) {
   out.item([&] {
@@ -167,7 +171,8 @@ void writeTool(Writer& out, const ToolConfig& t) {
 std::vector<int> pressed(const Buttons& buttons) {
   std::vector<int> numbers;
   for (std::size_t b = 0; b < buttons.size(); ++b) {
-    if (buttons[b]) numbers.push_back(static_cast<int>(b));
+    if (buttons[b])
+      numbers.push_back(static_cast<int>(b));
   }
   return numbers;
 }
@@ -176,7 +181,8 @@ void writeWayPoint(Writer& out, const WayPoint& p) {
   out.item([&] {
     out.number("time_s", p.time_s);
     out.vector("position_m", p.position_m);
-    if (p.orientation) out.numbers("orientation_xyzw", xyzw(*p.orientation));
+    if (p.orientation)
+      out.numbers("orientation_xyzw", xyzw(*p.orientation));
     out.numbers("buttons", pressed(p.buttons));
   });
 }

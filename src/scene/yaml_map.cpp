@@ -24,7 +24,8 @@ std::string describe(const Range& range) {
   } else {
     text << "must be a finite number";
   }
-  if (*range.unit != '\0') text << " " << range.unit;
+  if (*range.unit != '\0')
+    text << " " << range.unit;
   return text.str();
 }
 
@@ -39,7 +40,8 @@ YamlMap::YamlMap(const YAML::Node& node, std::string path, std::string origin)
   std::set<std::string> keys;
   for (const auto& entry : node_) {
     const std::string key = entry.first.Scalar();
-    if (!keys.insert(key).second) throw SceneError(place(entry.first) + ": the key " + name(key) + " is there twice");
+    if (!keys.insert(key).second)
+      throw SceneError(place(entry.first) + ": the key " + name(key) + " is there twice");
   }
 }
 
@@ -60,7 +62,8 @@ YAML::Node YamlMap::take(const std::string& key) {
 
 YAML::Node YamlMap::required(const std::string& key) {
   const YAML::Node node = take(key);
-  if (!node.IsDefined()) fail(key, "is missing");
+  if (!node.IsDefined())
+    fail(key, "is missing");
   return node;
 }
 
@@ -77,7 +80,9 @@ double YamlMap::toNumber(const YAML::Node& node, const std::string& key, const R
   return value;
 }
 
-double YamlMap::number(const std::string& key, const Range& range) { return toNumber(required(key), key, range); }
+double YamlMap::number(const std::string& key, const Range& range) {
+  return toNumber(required(key), key, range);
+}
 
 double YamlMap::number(const std::string& key, const Range& range, double fallback) {
   return has(key) ? number(key, range) : fallback;
@@ -85,7 +90,8 @@ double YamlMap::number(const std::string& key, const Range& range, double fallba
 
 std::int64_t YamlMap::integer(const std::string& key, const Range& range) {
   const double value = number(key, range);
-  if (value != std::floor(value)) fail(key, "must be a whole number");
+  if (value != std::floor(value))
+    fail(key, "must be a whole number");
   return static_cast<std::int64_t>(value);
 }
 
@@ -94,7 +100,8 @@ std::int64_t YamlMap::integer(const std::string& key, const Range& range, std::i
 }
 
 bool YamlMap::flag(const std::string& key, bool fallback) {
-  if (!has(key)) return fallback;
+  if (!has(key))
+    return fallback;
   try {
     return take(key).as<bool>();
   } catch (const YAML::Exception&) {
@@ -104,7 +111,8 @@ bool YamlMap::flag(const std::string& key, bool fallback) {
 
 std::string YamlMap::text(const std::string& key) {
   const YAML::Node node = required(key);
-  if (!node.IsScalar()) fail(key, "must be text");
+  if (!node.IsScalar())
+    fail(key, "must be text");
   return node.Scalar();
 }
 
@@ -118,7 +126,8 @@ std::vector<double> YamlMap::numbers(const std::string& key, std::size_t count, 
     fail(key, "must be a list of " + (count != 0 ? std::to_string(count) + " " : std::string()) + "numbers");
   }
   std::vector<double> values;
-  for (const auto& item : node) values.push_back(toNumber(item, key, range));
+  for (const auto& item : node)
+    values.push_back(toNumber(item, key, range));
   return values;
 }
 
@@ -132,18 +141,22 @@ Vector3 YamlMap::vector(const std::string& key, const Range& range, const Vector
 }
 
 Vector3i YamlMap::indices(const std::string& key, const Range& range, const Vector3i& fallback) {
-  if (!has(key)) return fallback;
+  if (!has(key))
+    return fallback;
   const Vector3 value = vector(key, range);
-  if (value != value.array().floor().matrix()) fail(key, "must be a list of 3 whole numbers");
+  if (value != value.array().floor().matrix())
+    fail(key, "must be a list of 3 whole numbers");
   return value.cast<int>();
 }
 
 std::string YamlMap::choice(const std::string& key, const std::vector<std::string>& words,
                             const std::string& fallback) {
   const std::string value = text(key, fallback);
-  if (std::find(words.begin(), words.end(), value) != words.end()) return value;
+  if (std::find(words.begin(), words.end(), value) != words.end())
+    return value;
   std::string list;
-  for (const std::string& word : words) list += (list.empty() ? "" : ", ") + word;
+  for (const std::string& word : words)
+    list += (list.empty() ? "" : ", ") + word;
   fail(key, "is '" + value + "'; it must be one of: " + list);
 }
 
@@ -155,23 +168,28 @@ YamlMap YamlMap::map(const std::string& key) {
 std::vector<YamlMap> YamlMap::maps(const std::string& key) {
   std::vector<YamlMap> result;
   const YAML::Node node = take(key);
-  if (!node.IsDefined()) return result;
-  if (!node.IsSequence()) fail(key, "must be a list");
-  for (const auto& item : node) result.emplace_back(item, name(key) + "[" + std::to_string(result.size()) + "]", origin_);
+  if (!node.IsDefined())
+    return result;
+  if (!node.IsSequence())
+    fail(key, "must be a list");
+  for (const auto& item : node)
+    result.emplace_back(item, name(key) + "[" + std::to_string(result.size()) + "]", origin_);
   return result;
 }
 
 std::vector<std::vector<double>> YamlMap::rows(const std::string& key, std::size_t count) {
   std::vector<std::vector<double>> result;
   const YAML::Node node = required(key);
-  if (!node.IsSequence()) fail(key, "must be a list of lists of " + std::to_string(count) + " numbers");
+  if (!node.IsSequence())
+    fail(key, "must be a list of lists of " + std::to_string(count) + " numbers");
   constexpr Range kAny{std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()};
   for (const auto& item : node) {
     if (!item.IsSequence() || item.size() != count) {
       fail(key, "must be a list of lists of " + std::to_string(count) + " numbers");
     }
     result.emplace_back();
-    for (const auto& value : item) result.back().push_back(toNumber(value, key, kAny));
+    for (const auto& value : item)
+      result.back().push_back(toNumber(value, key, kAny));
   }
   return result;
 }

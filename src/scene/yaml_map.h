@@ -18,8 +18,9 @@ struct Range {
   const char* unit = "";
 };
 
-/// One mapping of a YAML document. Every key is read exactly once: finish() refuses the keys that nobody read, so a typo
-/// fails instead of leaving a default in place. All errors are SceneError with file, line, full key, unit and range.
+/// One mapping of a YAML document. Every key is read exactly once: finish() refuses the keys that nobody read, so a
+/// typo fails instead of leaving a default in place. All errors are SceneError with file, line, full key, unit and
+/// range.
 class YamlMap {
  public:
   /// `path` is the dotted name of the mapping, empty at the top. Refuses a node that is no mapping and duplicate keys.

@@ -15,20 +15,25 @@ constexpr char kForceTopic[] = "tool/force";
 constexpr char kCutTopic[] = "tool/cut";
 constexpr std::uint32_t kMaxHoldSteps = 10000;
 constexpr double kMaxFootprintRadius_m = 0.1;
-/// A tool computes on what it saw a moment ago: while it cuts, its messages are one or more revisions behind. Points and
-/// forces do not depend on the numbering, so a revision may be old if the patch that it belongs to is not.
+/// A tool computes on what it saw a moment ago: while it cuts, its messages are one or more revisions behind. Points
+/// and forces do not depend on the numbering, so a revision may be old if the patch that it belongs to is not.
 constexpr std::uint64_t kMaxRevisionLagSteps = 100;
 /// A sweep between two poses of a device is a fraction of a millimetre; this many in one message is no blade.
 constexpr std::size_t kMaxQuads = 10000;
 
-std::string sequenceKey(const char* topic, const std::string& tool_id) { return std::string(topic) + " " + tool_id; }
+std::string sequenceKey(const char* topic, const std::string& tool_id) {
+  return std::string(topic) + " " + tool_id;
+}
 
-std::uint64_t hashText(const std::string& text) { return hashBytes(text.data(), text.size()); }
+std::uint64_t hashText(const std::string& text) {
+  return hashBytes(text.data(), text.size());
+}
 
 bool allFinite(const ToolCutCommand& command) {
   for (const SweptQuad& quad : command.quads) {
     for (const Vector3& p : quad) {
-      if (!isFinite(p)) return false;
+      if (!isFinite(p))
+        return false;
     }
   }
   return true;
@@ -51,7 +56,8 @@ void checkLattice(const Checkpoint& checkpoint, const Lattice& pristine, std::si
   }
   for (std::size_t c = 0; c < cells; ++c) {
     for (const std::uint32_t v : checkpoint.cells[c]) {
-      if (v >= vertices) throw InputError("the checkpoint's cells name a vertex that does not exist");
+      if (v >= vertices)
+        throw InputError("the checkpoint's cells name a vertex that does not exist");
     }
     for (const std::int32_t n : checkpoint.face_neighbours[c]) {
       if (n < Lattice::kNone || n >= static_cast<std::int64_t>(cells)) {
@@ -88,7 +94,8 @@ Lattice restoredLattice(const Lattice& current, const Checkpoint& checkpoint) {
 
 std::size_t pristineVertices(const Lattice& lattice) {
   std::size_t count = 0;
-  while (count < lattice.vertexCount() && lattice.origin_vertices[count] == count) ++count;
+  while (count < lattice.vertexCount() && lattice.origin_vertices[count] == count)
+    ++count;
   return count;
 }
 
@@ -116,7 +123,8 @@ double Session::timeStepLimit() const {
   double limit_s = std::numeric_limits<double>::infinity();
   for (std::size_t c = 0; c < lattice_.cellCount(); ++c) {
     const Material& material = scene_.materials[lattice_.materials[c]];
-    if (!material.fixed) limit_s = std::min(limit_s, bulkTimeStepLimit(material, scene_.lattice.spacing_m));
+    if (!material.fixed)
+      limit_s = std::min(limit_s, bulkTimeStepLimit(material, scene_.lattice.spacing_m));
   }
   return limit_s;
 }
@@ -128,13 +136,16 @@ bool Session::nearLattice(const Vector3& point_m) const {
 }
 
 std::string Session::checkHeader(const char* topic, const ToolCommandHeader& header) const {
-  if (header.session != id_) return "it is meant for another session";
-  const bool overtaken = header.revision < lattice_.revision && header.step + kMaxRevisionLagSteps >= steps();
+  if (header.session != id_)
+    return "it is meant for another session";
+  const bool existed = header.revision >= 1 && header.revision < lattice_.revision;
+  const bool overtaken = existed && header.step + kMaxRevisionLagSteps >= steps();
   if (header.revision != lattice_.revision && !overtaken) {
     return "it was computed on revision " + std::to_string(header.revision) + "; the grid has revision " +
            std::to_string(lattice_.revision);
   }
-  if (scene_.findTool(header.tool_id) == nullptr) return "the scene has no tool '" + header.tool_id + "'";
+  if (scene_.findTool(header.tool_id) == nullptr)
+    return "the scene has no tool '" + header.tool_id + "'";
   const auto last = sequences_.find(sequenceKey(topic, header.tool_id));
   if (last != sequences_.end() && header.sequence <= last->second) {
     return "sequence " + std::to_string(header.sequence) + " is not newer than " + std::to_string(last->second);
@@ -151,15 +162,18 @@ void Session::accept(const char* topic, const ToolCommandHeader& header) {
 
 Verdict Session::apply(const ToolForceCommand& command) {
   const std::string problem = checkHeader(kForceTopic, command.header);
-  if (!problem.empty()) return {false, problem};
-  if (!isFinite(command.force_n) || !isFinite(command.point_m)) return {false, "force or point is not finite"};
+  if (!problem.empty())
+    return {false, problem};
+  if (!isFinite(command.force_n) || !isFinite(command.point_m))
+    return {false, "force or point is not finite"};
   if (command.force_n.norm() > scene_.max_tool_force_n) {
     return {false, "a force beyond the scene's max_tool_force_n of " + std::to_string(scene_.max_tool_force_n) + " N"};
   }
   if (!(command.footprint_radius_m > 0.0 && command.footprint_radius_m <= kMaxFootprintRadius_m)) {
     return {false, "a footprint radius outside (0, 0.1] m"};
   }
-  if (command.hold_steps < 1 || command.hold_steps > kMaxHoldSteps) return {false, "hold_steps outside [1, 10000]"};
+  if (command.hold_steps < 1 || command.hold_steps > kMaxHoldSteps)
+    return {false, "hold_steps outside [1, 10000]"};
   if (command.force_n.isZero(0.0)) {
     simulation_.releaseForce(command.header.tool_id);
   } else if (!nearLattice(command.point_m) ||
@@ -173,16 +187,19 @@ Verdict Session::apply(const ToolForceCommand& command) {
 
 Verdict Session::apply(const ToolCutCommand& command) {
   const std::string problem = checkHeader(kCutTopic, command.header);
-  if (!problem.empty()) return {false, problem};
-  if (command.quads.empty() || command.quads.size() > kMaxQuads) return {false, "the number of quads is outside [1, 10000]"};
-  if (!allFinite(command)) return {false, "a point of the blade is not finite"};
+  if (!problem.empty())
+    return {false, problem};
+  if (command.quads.empty() || command.quads.size() > kMaxQuads)
+    return {false, "the number of quads is outside [1, 10000]"};
+  if (!allFinite(command))
+    return {false, "a point of the blade is not finite"};
   for (const SweptQuad& quad : command.quads) {
     if (!std::all_of(quad.begin(), quad.end(), [this](const Vector3& p) { return nearLattice(p); })) {
       return {false, "a point of the blade is far outside the lattice"};
     }
   }
-  const IncisionResult result = cutLattice(lattice_, scene_.materials, simulation_.positions(),
-                                           simulation_.reach(), command.quads, scene_.incision);
+  const IncisionResult result = cutLattice(lattice_, scene_.materials, simulation_.positions(), simulation_.reach(),
+                                           command.quads, scene_.incision);
   if (result.faces_opened > 0) {
     simulation_.adoptTopology();
     simulation_.wake(result.rest_box_m);
@@ -192,8 +209,10 @@ Verdict Session::apply(const ToolCutCommand& command) {
 }
 
 Verdict Session::apply(const Checkpoint& checkpoint) {
-  if (checkpoint.scene_hash != scene_hash_) return {false, "the checkpoint belongs to another scene"};
-  if (checkpoint.volume_hash != volume_hash_) return {false, "the checkpoint belongs to another volume"};
+  if (checkpoint.scene_hash != scene_hash_)
+    return {false, "the checkpoint belongs to another scene"};
+  if (checkpoint.volume_hash != volume_hash_)
+    return {false, "the checkpoint belongs to another volume"};
   const Lattice before = lattice_;
   try {
     checkLattice(checkpoint, lattice_, pristineVertices(lattice_));
@@ -209,7 +228,9 @@ Verdict Session::apply(const Checkpoint& checkpoint) {
   return {true, ""};
 }
 
-void Session::step() { simulation_.step(); }
+void Session::step() {
+  simulation_.step();
+}
 
 GridPatch Session::patch(const std::string& tool_id, const Vector3& point_m, double radius_m) const {
   GridPatch patch;

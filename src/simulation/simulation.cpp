@@ -27,7 +27,8 @@ Gathered gatherSprings(const SpringNetwork& springs, const std::vector<Vector3>&
     nearest_squared = std::min(nearest_squared, squared);
     const double length = std::sqrt(squared);
     // Two vertices at one place have no direction to push in; the other springs part them.
-    if (length > 0.0) force += (springs.stiffness_n_m[s] * (length - springs.rest_length_m[s]) / length) * d;
+    if (length > 0.0)
+      force += (springs.stiffness_n_m[s] * (length - springs.rest_length_m[s]) / length) * d;
   }
   return {force, std::sqrt(nearest_squared)};
 }
@@ -61,11 +62,14 @@ Simulation::Simulation(const Lattice& lattice, const std::vector<Material>& mate
 void Simulation::indexNodes() {
   const std::size_t nodes = lattice_->latticeNode(lattice_->dims.x(), lattice_->dims.y(), lattice_->dims.z()) + 1;
   node_begin_.assign(nodes + 1, 0);
-  for (const std::uint32_t node : lattice_->lattice_nodes) ++node_begin_[node + 1];
-  for (std::size_t n = 0; n < nodes; ++n) node_begin_[n + 1] += node_begin_[n];
+  for (const std::uint32_t node : lattice_->lattice_nodes)
+    ++node_begin_[node + 1];
+  for (std::size_t n = 0; n < nodes; ++n)
+    node_begin_[n + 1] += node_begin_[n];
   node_vertices_.resize(lattice_->vertexCount());
   std::vector<std::uint32_t> next(node_begin_.begin(), node_begin_.end() - 1);
-  for (std::uint32_t v = 0; v < lattice_->vertexCount(); ++v) node_vertices_[next[lattice_->lattice_nodes[v]]++] = v;
+  for (std::uint32_t v = 0; v < lattice_->vertexCount(); ++v)
+    node_vertices_[next[lattice_->lattice_nodes[v]]++] = v;
 }
 
 void Simulation::adoptTopology() {
@@ -84,7 +88,8 @@ void Simulation::restore(SimulationState state) {
   const bool fits = state.positions_m.size() == lattice_->vertexCount() &&
                     state.velocities_m_s.size() == lattice_->vertexCount() &&
                     state.lifetimes.size() == lattice_->cellCount();
-  if (!fits) throw InputError("the saved state belongs to another lattice: its vertex or cell count differs");
+  if (!fits)
+    throw InputError("the saved state belongs to another lattice: its vertex or cell count differs");
   if (!allFinite(state.positions_m) || !allFinite(state.velocities_m_s)) {
     throw InputError("the saved state holds a position or velocity that is not finite");
   }
@@ -112,7 +117,8 @@ std::vector<std::uint32_t> Simulation::verticesNear(const Vector3& point_m, doub
         const std::size_t node = lattice_->latticeNode(i, j, k);
         for (std::uint32_t n = node_begin_[node]; n < node_begin_[node + 1]; ++n) {
           const std::uint32_t v = node_vertices_[n];
-          if ((state_.positions_m[v] - point_m).squaredNorm() < radius_m * radius_m) found.push_back(v);
+          if ((state_.positions_m[v] - point_m).squaredNorm() < radius_m * radius_m)
+            found.push_back(v);
         }
       }
     }
@@ -128,7 +134,8 @@ std::vector<std::uint32_t> Simulation::cellsNear(const Vector3& point_m, double 
       return (state_.positions_m[v] - point_m).squaredNorm() < radius_m * radius_m;
     };
     const auto& vertices = lattice_->cells[cell];
-    if (std::any_of(vertices.begin(), vertices.end(), near)) found.push_back(cell);
+    if (std::any_of(vertices.begin(), vertices.end(), near))
+      found.push_back(cell);
   });
   return found;
 }
@@ -142,7 +149,8 @@ bool Simulation::holdForce(const std::string& tool_id, const Vector3& force_n, c
     held.weights.push_back(springs_.mass_kg[v] * footprintWeight((state_.positions_m[v] - point_m).norm(), radius_m));
     total += held.weights.back();
   }
-  if (total <= 0.0) return false;
+  if (total <= 0.0)
+    return false;
   Vector3 rest_centre = Vector3::Zero();
   for (std::size_t n = 0; n < held.vertices.size(); ++n) {
     held.weights[n] /= total;
@@ -172,7 +180,8 @@ void Simulation::dropExpiredForces() {
 }
 
 void Simulation::gatherExternalForces() {
-  for (const std::uint32_t v : loaded_) external_n_[v].setZero();
+  for (const std::uint32_t v : loaded_)
+    external_n_[v].setZero();
   loaded_.clear();
   for (const auto& entry : state_.forces) {
     const HeldForce& held = entry.second;
@@ -187,16 +196,20 @@ void Simulation::rebuildActiveSet() {
   active_cells_.clear();
   std::vector<std::uint8_t> active(lattice_->vertexCount(), 0);
   for (std::uint32_t cell = 0; cell < lattice_->cellCount(); ++cell) {
-    if (state_.lifetimes[cell] == 0) continue;
+    if (state_.lifetimes[cell] == 0)
+      continue;
     active_cells_.push_back(cell);
-    for (const std::uint32_t v : lattice_->cells[cell]) active[v] = 1;
+    for (const std::uint32_t v : lattice_->cells[cell])
+      active[v] = 1;
   }
   for (const std::uint32_t v : active_vertices_) {
-    if (!active[v]) state_.velocities_m_s[v].setZero();
+    if (!active[v])
+      state_.velocities_m_s[v].setZero();
   }
   active_vertices_.clear();
   for (std::uint32_t v = 0; v < lattice_->vertexCount(); ++v) {
-    if (active[v] && !lattice_->fixed[v]) active_vertices_.push_back(v);
+    if (active[v] && !lattice_->fixed[v])
+      active_vertices_.push_back(v);
   }
   moves_.resize(active_vertices_.size());
   limited_.resize(active_vertices_.size());
@@ -205,7 +218,8 @@ void Simulation::rebuildActiveSet() {
 
 void Simulation::ageCells() {
   for (const std::uint32_t cell : active_cells_) {
-    if (--state_.lifetimes[cell] == 0) active_changed_ = true;
+    if (--state_.lifetimes[cell] == 0)
+      active_changed_ = true;
   }
 }
 
@@ -218,7 +232,8 @@ void Simulation::moveVertex(std::size_t active_index) {
   // Damping is taken implicitly: it can only take energy out, whatever its rate.
   velocity = (velocity + dt * acceleration) / (1.0 + dt * springs_.damping_kg_s[v] / springs_.mass_kg[v]);
   Vector3 move = dt * velocity;
-  if (settings_.integrator == Integrator::kDissertation) move += 0.5 * dt * dt * acceleration;
+  if (settings_.integrator == Integrator::kDissertation)
+    move += 0.5 * dt * dt * acceleration;
   const double longest = settings_.safe_move_fraction * gathered.nearest_m;
   const double length = move.norm();
   limited_[active_index] = length > longest ? 1 : 0;
@@ -241,13 +256,15 @@ void Simulation::applyMoves() {
 void Simulation::step() {
   dropExpiredForces();
   gatherExternalForces();
-  if (active_changed_) rebuildActiveSet();
+  if (active_changed_)
+    rebuildActiveSet();
   parallelFor(static_cast<std::ptrdiff_t>(active_vertices_.size()), threads_,
               [this](std::ptrdiff_t n) { moveVertex(static_cast<std::size_t>(n)); });
   applyMoves();
   ageCells();
   // Now rather than with the next step: what leaves the solve comes to rest, and a state saved here must say so.
-  if (active_changed_) rebuildActiveSet();
+  if (active_changed_)
+    rebuildActiveSet();
   ++state_.step;
 }
 
@@ -261,7 +278,8 @@ double Simulation::maxDisplacement() const {
 
 double Simulation::maxSpeed() const {
   double squared = 0.0;
-  for (const Vector3& v : state_.velocities_m_s) squared = std::max(squared, v.squaredNorm());
+  for (const Vector3& v : state_.velocities_m_s)
+    squared = std::max(squared, v.squaredNorm());
   return std::sqrt(squared);
 }
 
@@ -270,7 +288,8 @@ Vector3 Simulation::forceOn(std::uint32_t vertex) const {
   for (const auto& entry : state_.forces) {
     const HeldForce& held = entry.second;
     for (std::size_t n = 0; n < held.vertices.size(); ++n) {
-      if (held.vertices[n] == vertex) force += held.weights[n] * held.force_n;
+      if (held.vertices[n] == vertex)
+        force += held.weights[n] * held.force_n;
     }
   }
   return force;

@@ -19,7 +19,8 @@ double springStiffness(const CellSprings& springs, int axes) {
 
 double restLength(const Lattice& lattice, std::size_t cell, const CornerPair& pair) {
   Vector3 offset;
-  for (int d = 0; d < 3; ++d) offset[d] = kHexahedronCorners[pair.b][d] - kHexahedronCorners[pair.a][d];
+  for (int d = 0; d < 3; ++d)
+    offset[d] = kHexahedronCorners[pair.b][d] - kHexahedronCorners[pair.a][d];
   return offset.cwiseProduct(lattice.spacing_m).cwiseProduct(lattice.rest_stretch[cell]).norm();
 }
 
@@ -32,7 +33,8 @@ std::vector<std::vector<Spring>> springsByVertex(const Lattice& lattice, const s
     for (const CornerPair& pair : kCornerPairs) {
       const std::uint32_t a = lattice.cells[cell][pair.a];
       const std::uint32_t b = lattice.cells[cell][pair.b];
-      if (lattice.fixed[a] && lattice.fixed[b]) continue;
+      if (lattice.fixed[a] && lattice.fixed[b])
+        continue;
       const double k = springStiffness(springs, pair.axes);
       const double kl = k * restLength(lattice, cell, pair);
       rows[a].push_back({b, k, kl});
@@ -78,7 +80,8 @@ SpringNetwork buildSpringNetwork(const Lattice& lattice, const std::vector<Mater
   SpringNetwork network;
   std::vector<std::vector<Spring>> rows = springsByVertex(lattice, materials);
   network.row_begin.push_back(0);
-  for (std::vector<Spring>& row : rows) appendMerged(row, network);
+  for (std::vector<Spring>& row : rows)
+    appendMerged(row, network);
   addMasses(lattice, materials, network);
   return network;
 }

@@ -47,7 +47,8 @@ TEST(Lattice, NeighboursShareTheFourVerticesOfTheirFace) {
   for (std::uint32_t cell = 0; cell < lattice.cellCount(); ++cell) {
     for (int face = 0; face < 6; ++face) {
       const std::int32_t other = lattice.face_neighbours[cell][face];
-      if (other == Lattice::kNone) continue;
+      if (other == Lattice::kNone)
+        continue;
       EXPECT_EQ(lattice.face_neighbours[other][oppositeFace(face)], static_cast<std::int32_t>(cell));
       for (const int corner : kHexahedronFaces[face]) {
         const auto& theirs = lattice.cells[other];
@@ -64,7 +65,8 @@ TEST(Lattice, AbsentCellsHaveNoVerticesOfTheirOwn) {
   EXPECT_EQ(lattice.cellCount(), 1U);
   EXPECT_EQ(lattice.vertexCount(), 8U);
   EXPECT_EQ(lattice.materials[0], 2U);
-  for (const std::int32_t neighbour : lattice.face_neighbours[0]) EXPECT_EQ(neighbour, Lattice::kNone);
+  for (const std::int32_t neighbour : lattice.face_neighbours[0])
+    EXPECT_EQ(neighbour, Lattice::kNone);
 }
 
 TEST(Lattice, RejectsWhatCannotBeALattice) {

@@ -9,11 +9,14 @@
 namespace soft_volume::core {
 namespace {
 
-std::vector<Vector3> restLine() { return {Vector3(0, 0, 0), Vector3(1, 0, 0), Vector3(2, 0, 0), Vector3(3, 0, 0)}; }
+std::vector<Vector3> restLine() {
+  return {Vector3(0, 0, 0), Vector3(1, 0, 0), Vector3(2, 0, 0), Vector3(3, 0, 0)};
+}
 
 std::vector<Vector3f> asFloat(const std::vector<Vector3>& positions) {
   std::vector<Vector3f> result;
-  for (const Vector3& p : positions) result.push_back(p.cast<float>());
+  for (const Vector3& p : positions)
+    result.push_back(p.cast<float>());
   return result;
 }
 

@@ -17,7 +17,8 @@ SweptQuad sweep(double x, double y_from, double y_to, double z_low, double z_hig
 
 double totalMass(const Lattice& lattice, const std::vector<Material>& materials) {
   double mass = 0.0;
-  for (const double m : buildSpringNetwork(lattice, materials).mass_kg) mass += m;
+  for (const double m : buildSpringNetwork(lattice, materials).mass_kg)
+    mass += m;
   return mass;
 }
 
@@ -40,21 +41,23 @@ TEST(Incision, PartsABlockCompletely) {
   std::vector<int> side(lattice.vertexCount(), 0);
   for (std::size_t c = 0; c < lattice.cellCount(); ++c) {
     const int bit = lattice.cellIndex(lattice.parent_cells[c]).x() < 2 ? 1 : 2;
-    for (const std::uint32_t v : lattice.cells[c]) side[v] |= bit;
+    for (const std::uint32_t v : lattice.cells[c])
+      side[v] |= bit;
   }
-  for (const int s : side) EXPECT_NE(s, 3);
+  for (const int s : side)
+    EXPECT_NE(s, 3);
 }
 
 TEST(Incision, APartialCutKeepsItsFrontClosed) {
   Lattice lattice = makeBlock(4, 6, 4, kH);
-  const IncisionResult result =
-      cut(lattice, {sweep(2.1 * kH, 1.6 * kH, 4.4 * kH, 2.1 * kH, 9 * kH)}, oneMaterial(1e4));
+  const IncisionResult result = cut(lattice, {sweep(2.1 * kH, 1.6 * kH, 4.4 * kH, 2.1 * kH, 9 * kH)}, oneMaterial(1e4));
   // Cells with centres at y = 2.5, 3.5 and z = 2.5, 3.5 (in h) are parted: 2 x 2 faces. Of their 9 vertices only those
   // at the top (z = 4 h) and inside (z = 3 h) that are not on the front fall apart: y = 3 h.
   EXPECT_EQ(result.faces_opened, 4U);
   EXPECT_EQ(result.vertices_added, 2U);
   for (std::size_t v = 0; v < lattice.vertexCount(); ++v) {
-    if (lattice.origin_vertices[v] == v) continue;
+    if (lattice.origin_vertices[v] == v)
+      continue;
     EXPECT_NEAR(lattice.rest_positions[v].y(), 3 * kH, 1e-12);
     EXPECT_GE(lattice.rest_positions[v].z(), 3 * kH - 1e-12);
   }
@@ -113,20 +116,21 @@ TEST(Incision, LeavesFixedMaterialAndMissesAlone) {
 
 TEST(Incision, OpensByItselfAndSettles) {
   Lattice lattice = makeBlock(8, 8, 4, kH);
-  for (std::size_t v = 0; v < lattice.vertexCount(); ++v) lattice.fixed[v] = lattice.rest_positions[v].z() < 1e-9;
+  for (std::size_t v = 0; v < lattice.vertexCount(); ++v)
+    lattice.fixed[v] = lattice.rest_positions[v].z() < 1e-9;
   const std::vector<Material> materials = oneMaterial(1e4, 60.0);
   SimulationSettings settings;
   settings.dt_s = 0.5 * bulkTimeStepLimit(materials[0], kH);
   settings.activation_radius_m = 1.0;
   Simulation simulation(lattice, materials, settings, 1);
-  const IncisionResult result =
-      cutLattice(lattice, materials, simulation.positions(), 0.0,
-                 {sweep(4.1 * kH, 1.6 * kH, 6.4 * kH, 1.9 * kH, 9 * kH)}, IncisionSettings());
+  const IncisionResult result = cutLattice(lattice, materials, simulation.positions(), 0.0,
+                                           {sweep(4.1 * kH, 1.6 * kH, 6.4 * kH, 1.9 * kH, 9 * kH)}, IncisionSettings());
   ASSERT_GT(result.faces_opened, 0U);
   simulation.adoptTopology();
   simulation.wake(result.rest_box_m);
   EXPECT_EQ(cutOpening(lattice, simulation.positions()), 0.0);
-  for (int n = 0; n < 2500; ++n) simulation.step();
+  for (int n = 0; n < 2500; ++n)
+    simulation.step();
   // Each lip draws back by up to (1 - rest_fraction) h; neighbours hold it back a little.
   const double opening = cutOpening(lattice, simulation.positions());
   EXPECT_GT(opening, 0.25 * kH);

@@ -41,7 +41,8 @@ TEST(LatticeSetup, CellsExistOnlyWhereThereIsTissue) {
   const Lattice lattice = buildLattice(halfSpace(), nullptr, {tissue(50, 200)}, coarse());
   EXPECT_EQ(lattice.dims, Vector3i(8, 8, 8));
   EXPECT_EQ(lattice.cellCount(), kHalfSpaceCells);
-  for (const std::uint32_t parent : lattice.parent_cells) EXPECT_GE(lattice.cellIndex(parent).z(), 1);
+  for (const std::uint32_t parent : lattice.parent_cells)
+    EXPECT_GE(lattice.cellIndex(parent).z(), 1);
 }
 
 TEST(LatticeSetup, TextureCoordinatesCoverTheVolumeExactly) {
@@ -69,7 +70,8 @@ TEST(LatticeSetup, TheStiffestMaterialWinsFromItsFractionOn) {
 }
 
 TEST(LatticeSetup, FixesBoneAndStatedRegions) {
-  const Volume volume = makeVolume({16, 16, 16}, 0.001, [](const Vector3& p) { return p.x() < 0.0039 ? 1000.0 : 100.0; });
+  const Volume volume =
+      makeVolume({16, 16, 16}, 0.001, [](const Vector3& p) { return p.x() < 0.0039 ? 1000.0 : 100.0; });
   LatticeSettings settings = coarse();
   settings.fixed_regions_m = {Box3(Vector3(-1, -1, 0.0149), Vector3(1, 1, 1))};
   const Lattice lattice = buildLattice(volume, nullptr, {tissue(50, 200), bone(500, 2000)}, settings);
@@ -80,9 +82,8 @@ TEST(LatticeSetup, FixesBoneAndStatedRegions) {
 }
 
 TEST(LatticeSetup, DropsPartsThatDoNotHangTogether) {
-  const Volume volume = makeVolume({32, 8, 8}, 0.001, [](const Vector3& p) {
-    return p.x() > 0.0079 && p.x() < 0.0199 ? 0.0 : 100.0;
-  });
+  const Volume volume =
+      makeVolume({32, 8, 8}, 0.001, [](const Vector3& p) { return p.x() > 0.0079 && p.x() < 0.0199 ? 0.0 : 100.0; });
   LatticeSettings settings = coarse();
   EXPECT_EQ(buildLattice(volume, nullptr, {tissue(50, 200)}, settings).cellCount(), 4U * 2U * 2U);
   settings.keep_largest_part = false;

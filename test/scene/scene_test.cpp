@@ -70,7 +70,8 @@ TEST(Scene, ErrorsNameFileLineKeyValueAndRange) {
 
 TEST(Scene, RefusesUnknownAndDuplicateKeys) {
   EXPECT_NE(errorWith("dt_s: 0.001", "dt: 0.001").find("scene.yaml:19: unknown key simulation.dt"), std::string::npos);
-  EXPECT_NE(errorWith("  lifetime_s: 0.5", "  lifetime_s: 0.5\n  lifetime_s: 0.6").find("simulation.lifetime_s is there twice"),
+  EXPECT_NE(errorWith("  lifetime_s: 0.5", "  lifetime_s: 0.5\n  lifetime_s: 0.6")
+                .find("simulation.lifetime_s is there twice"),
             std::string::npos);
   EXPECT_NE(errorWith("name: block", "name: block\nshape: round").find("unknown key shape"), std::string::npos);
   EXPECT_NE(errorWith("    density_kg_m3", "    weight: 1\n    density_kg_m3").find("unknown key materials[0].weight"),

@@ -22,7 +22,9 @@ SimulationSettings allActive(double dt_s) {
   return settings;
 }
 
-double limit(const std::vector<Material>& materials) { return bulkTimeStepLimit(materials[0], kH); }
+double limit(const std::vector<Material>& materials) {
+  return bulkTimeStepLimit(materials[0], kH);
+}
 
 /// Moves every vertex of a simulation by an affine map and returns the force that the springs put on the vertices whose
 /// rest place has the largest coordinate along `axis`.
@@ -36,7 +38,8 @@ Vector3 tractionForce(const Lattice& lattice, Simulation& simulation, const Matr
   simulation.restore(state);
   Vector3 force = Vector3::Zero();
   for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v) {
-    if (lattice.rest_positions[v][axis] > top - 1e-9) force += simulation.forceOn(v);
+    if (lattice.rest_positions[v][axis] > top - 1e-9)
+      force += simulation.forceOn(v);
   }
   return force;
 }
@@ -65,7 +68,8 @@ TEST(PatchTest, RigidMotionNeedsNoForce) {
   Simulation simulation(lattice, materials, allActive(1e-4), 1);
   SimulationState state = simulation.state();
   const Quaternion turn(Eigen::AngleAxisd(1.1, Vector3(1, 2, 3).normalized()));
-  for (Vector3& p : state.positions_m) p = turn * p + Vector3(0.3, -0.2, 0.1);
+  for (Vector3& p : state.positions_m)
+    p = turn * p + Vector3(0.3, -0.2, 0.1);
   simulation.restore(state);
   for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v) {
     EXPECT_LT(simulation.forceOn(v).norm(), 1e-11 * kE * kH * kH);  // rounding of coordinates 60 h away
@@ -76,7 +80,8 @@ TEST(SpringNetwork, MassIsThatOfTheCells) {
   const Lattice lattice = makeBlock(4, 3, 2, kH);
   const SpringNetwork network = buildSpringNetwork(lattice, oneMaterial(kE));
   double mass = 0.0;
-  for (const double m : network.mass_kg) mass += m;
+  for (const double m : network.mass_kg)
+    mass += m;
   EXPECT_NEAR(mass, 24 * 1000.0 * kH * kH * kH, 1e-15);
 }
 
@@ -93,7 +98,8 @@ TEST(Simulation, StaysAtRestWithoutForces) {
   Simulation simulation(lattice, materials, allActive(1e-4), 1);
   simulation.wake(Box3(Vector3::Zero(), Vector3::Zero()));
   EXPECT_EQ(simulation.activeCells(), 0U);
-  for (int n = 0; n < 100; ++n) simulation.step();
+  for (int n = 0; n < 100; ++n)
+    simulation.step();
   EXPECT_EQ(simulation.activeCells(), 64U);
   // Rest lengths come from spacing, positions from multiples of it: they differ by rounding only.
   EXPECT_LT(simulation.maxDisplacement(), 1e-12 * kH);
@@ -107,17 +113,20 @@ TEST(Simulation, KeepsMomentumOfAFreeBlock) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> speed(-0.05, 0.05);
   SimulationState state = simulation.state();
-  for (Vector3& v : state.velocities_m_s) v = Vector3(speed(random), speed(random), speed(random));
+  for (Vector3& v : state.velocities_m_s)
+    v = Vector3(speed(random), speed(random), speed(random));
   simulation.restore(state);
   simulation.wake(Box3(Vector3::Zero(), Vector3::Zero()));
   const SpringNetwork network = buildSpringNetwork(lattice, materials);
   const auto momentum = [&] {
     Vector3 sum = Vector3::Zero();
-    for (std::size_t v = 0; v < lattice.vertexCount(); ++v) sum += network.mass_kg[v] * simulation.velocities()[v];
+    for (std::size_t v = 0; v < lattice.vertexCount(); ++v)
+      sum += network.mass_kg[v] * simulation.velocities()[v];
     return sum;
   };
   const Vector3 before = momentum();
-  for (int n = 0; n < 1000; ++n) simulation.step();
+  for (int n = 0; n < 1000; ++n)
+    simulation.step();
   EXPECT_EQ(simulation.limitedMoves(), 0U);
   EXPECT_LT((momentum() - before).norm(), 1e-12 * before.norm() + 1e-18);
 }
@@ -126,7 +135,8 @@ TEST(Simulation, CantileverBendsAsKnown) {
   // 8:1 cantilever, 4 cells across, end load: 0.922 of Timoshenko's deflection (nu = 1/4).
   constexpr int kAcross = 4;
   Lattice lattice = makeBlock(8 * kAcross, kAcross, kAcross, kH);
-  for (std::size_t v = 0; v < lattice.vertexCount(); ++v) lattice.fixed[v] = lattice.rest_positions[v].x() < 1e-9;
+  for (std::size_t v = 0; v < lattice.vertexCount(); ++v)
+    lattice.fixed[v] = lattice.rest_positions[v].x() < 1e-9;
   // Damping of twice the first bending frequency, 3.52 sqrt(E I / (rho A L^4)) = 2.5 / s: the beam settles fastest.
   const std::vector<Material> materials = oneMaterial(kE, 5.0);
   Simulation simulation(lattice, materials, allActive(0.7 * limit(materials)), 2);
@@ -139,13 +149,15 @@ TEST(Simulation, CantileverBendsAsKnown) {
   held.force_n = Vector3(0, 0, -load);
   held.expires_at_step = 10000000;
   for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v) {
-    if (lattice.rest_positions[v].x() > length - 1e-9) held.vertices.push_back(v);
+    if (lattice.rest_positions[v].x() > length - 1e-9)
+      held.vertices.push_back(v);
   }
   held.weights.assign(held.vertices.size(), 1.0 / static_cast<double>(held.vertices.size()));
   state.forces["end"] = held;
   simulation.restore(state);
   simulation.wake(Box3(Vector3::Zero(), Vector3::Zero()));
-  for (int n = 0; n < 6000; ++n) simulation.step();
+  for (int n = 0; n < 6000; ++n)
+    simulation.step();
   double tip = 0.0;
   for (const std::uint32_t v : held.vertices) {
     tip += (lattice.rest_positions[v] - simulation.positions()[v]).z() / static_cast<double>(held.vertices.size());
@@ -164,10 +176,12 @@ TEST(Simulation, SymplecticIsStableBelowTheLimitAndNotAbove) {
     SimulationState state = simulation.state();
     std::mt19937 random(2);
     std::uniform_real_distribution<double> speed(-1e-6, 1e-6);
-    for (Vector3& v : state.velocities_m_s) v = Vector3(speed(random), speed(random), speed(random));
+    for (Vector3& v : state.velocities_m_s)
+      v = Vector3(speed(random), speed(random), speed(random));
     simulation.restore(state);
     simulation.wake(Box3(Vector3::Zero(), Vector3::Zero()));
-    for (int n = 0; n < 2000; ++n) simulation.step();
+    for (int n = 0; n < 2000; ++n)
+      simulation.step();
     return simulation.maxSpeed();
   };
   EXPECT_LT(largest(0.85), 1e-4);  // a free surface lowers the limit a little below that of the bulk
@@ -177,16 +191,19 @@ TEST(Simulation, SymplecticIsStableBelowTheLimitAndNotAbove) {
 TEST(Simulation, PushedTissueRecovers) {
   for (const Integrator integrator : {Integrator::kSymplecticEuler, Integrator::kDissertation}) {
     Lattice lattice = makeBlock(8, 8, 4, kH);
-    for (std::size_t v = 0; v < lattice.vertexCount(); ++v) lattice.fixed[v] = lattice.rest_positions[v].z() < 1e-9;
+    for (std::size_t v = 0; v < lattice.vertexCount(); ++v)
+      lattice.fixed[v] = lattice.rest_positions[v].z() < 1e-9;
     const std::vector<Material> materials = oneMaterial(kE, 60.0);
     SimulationSettings settings = allActive(0.5 * limit(materials));
     settings.integrator = integrator;
     Simulation simulation(lattice, materials, settings, 1);
     const Vector3 top(4 * kH, 4 * kH, 4 * kH);
     ASSERT_TRUE(simulation.holdForce("probe", Vector3(0, 0, -0.2), top, 2.1 * kH, 500));
-    for (int n = 0; n < 500; ++n) simulation.step();
+    for (int n = 0; n < 500; ++n)
+      simulation.step();
     EXPECT_GT(simulation.maxDisplacement(), 0.1 * kH);
-    for (int n = 0; n < 4000; ++n) simulation.step();
+    for (int n = 0; n < 4000; ++n)
+      simulation.step();
     EXPECT_TRUE(simulation.state().forces.empty());
     EXPECT_LT(simulation.maxDisplacement(), 1e-4 * kH);
   }
@@ -199,7 +216,8 @@ TEST(Simulation, FootprintCarriesTheWholeForceAndNothingElse) {
   const Vector3 force(0.1, -0.2, 0.3);
   ASSERT_TRUE(simulation.holdForce("a", force, Vector3(3 * kH, 3 * kH, 6 * kH), 1.6 * kH, 10));
   Vector3 sum = Vector3::Zero();
-  for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v) sum += simulation.forceOn(v);
+  for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v)
+    sum += simulation.forceOn(v);
   EXPECT_LT((sum - force).norm(), 1e-10);
   EXPECT_FALSE(simulation.holdForce("b", force, Vector3(1, 1, 1), kH, 10));
   EXPECT_EQ(simulation.state().forces.size(), 1U);
@@ -231,7 +249,8 @@ TEST(Simulation, BitIdenticalForAnyNumberOfThreads) {
     Simulation simulation(lattice, materials, allActive(0.5 * limit(materials)), threads);
     simulation.holdForce("a", Vector3(0.1, 0.2, -0.8), Vector3(6 * kH, 6 * kH, 12 * kH), 2 * kH, 150);
     simulation.holdForce("b", Vector3(-0.3, 0.0, 0.1), Vector3(12 * kH, 6 * kH, 6 * kH), 2 * kH, 90);
-    for (int n = 0; n < 200; ++n) simulation.step();
+    for (int n = 0; n < 200; ++n)
+      simulation.step();
     return simulation.stateHash();
   };
   const std::uint64_t one = run(1);
@@ -251,7 +270,8 @@ TEST(Simulation, OnlyCellsNearTheForceAreInTheSolveAndForTheirLifetime) {
   simulation.step();
   EXPECT_GT(simulation.activeCells(), 0U);
   EXPECT_LT(simulation.activeCells(), lattice.cellCount() / 2);
-  for (int n = 0; n < 60; ++n) simulation.step();
+  for (int n = 0; n < 60; ++n)
+    simulation.step();
   EXPECT_EQ(simulation.activeCells(), 0U);
   for (std::size_t v = 0; v < lattice.vertexCount(); ++v) {
     EXPECT_TRUE(simulation.velocities()[v].isZero(0.0));
@@ -272,8 +292,10 @@ TEST(Simulation, ContinuesBitExactlyFromAStateSavedAtAnyStep) {
   std::vector<std::uint64_t> hashes;
   // Cells wake, overlap and fall asleep at different steps, so that a save falls on every kind of change.
   for (int n = 0; n < 100; ++n) {
-    if (n == 5) whole.holdForce("a", Vector3(0.1, 0.2, -0.8), Vector3(2 * kH, 3 * kH, 6 * kH), 2 * kH, 25);
-    if (n == 20) whole.holdForce("b", Vector3(0.0, 0.2, -0.3), Vector3(5 * kH, 3 * kH, 6 * kH), 2 * kH, 60);
+    if (n == 5)
+      whole.holdForce("a", Vector3(0.1, 0.2, -0.8), Vector3(2 * kH, 3 * kH, 6 * kH), 2 * kH, 25);
+    if (n == 20)
+      whole.holdForce("b", Vector3(0.0, 0.2, -0.3), Vector3(5 * kH, 3 * kH, 6 * kH), 2 * kH, 60);
     saved.push_back(whole.state());
     whole.step();
     hashes.push_back(whole.stateHash());

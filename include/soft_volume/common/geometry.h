@@ -28,7 +28,9 @@ struct Pose {
   }
 };
 
-inline bool isFinite(const Vector3& v) { return std::isfinite(v.x()) && std::isfinite(v.y()) && std::isfinite(v.z()); }
+inline bool isFinite(const Vector3& v) {
+  return std::isfinite(v.x()) && std::isfinite(v.y()) && std::isfinite(v.z());
+}
 
 /// Finite, with a quaternion whose norm is 1 within 1 % (drivers round). The caller normalises it afterwards.
 inline bool isUsable(const Pose& pose) {

@@ -14,7 +14,8 @@ void parallelFor(std::ptrdiff_t count, int threads, const Body& body) {
 #else
   static_cast<void>(threads);
 #endif
-  for (std::ptrdiff_t i = 0; i < count; ++i) body(i);
+  for (std::ptrdiff_t i = 0; i < count; ++i)
+    body(i);
 }
 
 }  // namespace soft_volume::core

@@ -16,7 +16,9 @@ constexpr int kHexahedronFaces[6][4] = {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}
                                         {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}};
 
 /// The face of the neighbour that touches face f.
-constexpr int oppositeFace(int face) { return face ^ 1; }
+constexpr int oppositeFace(int face) {
+  return face ^ 1;
+}
 
 /// A pair of corners, of which a hexahedron has 28: 12 edges, 12 face diagonals, 4 body diagonals.
 struct CornerPair {
@@ -31,7 +33,8 @@ constexpr std::array<CornerPair, 28> makeCornerPairs() {
   for (int a = 0; a < 8; ++a) {
     for (int b = a + 1; b < 8; ++b) {
       int axes = 0;
-      for (int d = 0; d < 3; ++d) axes += kHexahedronCorners[a][d] != kHexahedronCorners[b][d] ? 1 : 0;
+      for (int d = 0; d < 3; ++d)
+        axes += kHexahedronCorners[a][d] != kHexahedronCorners[b][d] ? 1 : 0;
       pairs[n++] = {static_cast<std::uint8_t>(a), static_cast<std::uint8_t>(b), static_cast<std::uint8_t>(axes)};
     }
   }

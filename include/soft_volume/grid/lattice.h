@@ -17,10 +17,10 @@ namespace soft_volume::core {
 struct Lattice {
   static constexpr std::int32_t kNone = -1;
 
-  Vector3i dims = Vector3i::Zero();         ///< cells along each axis of the surrounding lattice
-  Vector3 spacing_m = Vector3::Ones();      ///< edge lengths of a cell
-  Vector3 origin_m = Vector3::Zero();       ///< lowest corner of lattice cell (0, 0, 0), volume frame
-  std::uint32_t revision = 1;               ///< grows by one with every incision
+  Vector3i dims = Vector3i::Zero();     ///< cells along each axis of the surrounding lattice
+  Vector3 spacing_m = Vector3::Ones();  ///< edge lengths of a cell
+  Vector3 origin_m = Vector3::Zero();   ///< lowest corner of lattice cell (0, 0, 0), volume frame
+  std::uint32_t revision = 1;           ///< grows by one with every incision
 
   // Per cell.
   std::vector<std::array<std::uint32_t, 8>> cells;           ///< vertices in VTK's hexahedron order
@@ -31,13 +31,13 @@ struct Lattice {
   std::vector<std::array<std::uint8_t, 6>> cut_faces;        ///< 1 where an incision opened the face
 
   // Per vertex.
-  std::vector<Vector3> rest_positions;            ///< volume frame, metres
-  std::vector<std::uint8_t> fixed;                ///< 1: never moves
-  std::vector<std::uint32_t> origin_vertices;     ///< vertex that it was replicated from; itself where it was not
-  std::vector<std::uint32_t> lattice_nodes;       ///< lattice node, i + (nx+1)*(j + (ny+1)*k); replicas share it
+  std::vector<Vector3> rest_positions;         ///< volume frame, metres
+  std::vector<std::uint8_t> fixed;             ///< 1: never moves
+  std::vector<std::uint32_t> origin_vertices;  ///< vertex that it was replicated from; itself where it was not
+  std::vector<std::uint32_t> lattice_nodes;    ///< lattice node, i + (nx+1)*(j + (ny+1)*k); replicas share it
 
   // Per lattice place.
-  std::vector<std::int32_t> cell_at;              ///< per lattice cell: cell number or kNone
+  std::vector<std::int32_t> cell_at;  ///< per lattice cell: cell number or kNone
 
   std::size_t cellCount() const { return cells.size(); }
   std::size_t vertexCount() const { return rest_positions.size(); }
@@ -71,14 +71,15 @@ void forEachCell(const Lattice& lattice, const LatticeBox& box, const Visit& vis
     for (int j = box.begin.y(); j < box.end.y(); ++j) {
       for (int i = box.begin.x(); i < box.end.x(); ++i) {
         const std::int32_t cell = lattice.cell_at[lattice.latticeCell(i, j, k)];
-        if (cell != Lattice::kNone) visit(static_cast<std::uint32_t>(cell));
+        if (cell != Lattice::kNone)
+          visit(static_cast<std::uint32_t>(cell));
       }
     }
   }
 }
 
-/// Connects the present cells of a regular lattice. `cell_materials` has one entry per lattice cell: a material index or
-/// Lattice::kNone where there is no cell. Vertices exist only at corners of present cells, in lattice order; none is
+/// Connects the present cells of a regular lattice. `cell_materials` has one entry per lattice cell: a material index
+/// or Lattice::kNone where there is no cell. Vertices exist only at corners of present cells, in lattice order; none is
 /// fixed yet. Throws InputError when dims are below 1, spacing is not positive or sizes do not match.
 Lattice makeLattice(const Vector3i& dims, const Vector3& spacing_m, const Vector3& origin_m,
                     const std::vector<std::int32_t>& cell_materials);

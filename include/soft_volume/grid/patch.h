@@ -16,12 +16,12 @@ struct GridPatch {
   std::uint64_t step = 0;
   std::string tool_id;
 
-  std::vector<std::uint32_t> vertex_ids;  ///< increasing
-  std::vector<Vector3f> positions;        ///< per vertex_ids, volume frame, metres
-  std::vector<Vector3f> velocities;       ///< per vertex_ids, metres per second
-  std::vector<std::uint32_t> cell_ids;    ///< increasing; all their vertices are in vertex_ids
-  std::vector<float> stiffness_pa;        ///< per cell: Young's modulus
-  std::vector<float> cut_resistance_j_m2; ///< per cell: energy to part a unit area, 0 where not modelled
+  std::vector<std::uint32_t> vertex_ids;   ///< increasing
+  std::vector<Vector3f> positions;         ///< per vertex_ids, volume frame, metres
+  std::vector<Vector3f> velocities;        ///< per vertex_ids, metres per second
+  std::vector<std::uint32_t> cell_ids;     ///< increasing; all their vertices are in vertex_ids
+  std::vector<float> stiffness_pa;         ///< per cell: Young's modulus
+  std::vector<float> cut_resistance_j_m2;  ///< per cell: energy to part a unit area, 0 where not modelled
 };
 
 }  // namespace soft_volume::core

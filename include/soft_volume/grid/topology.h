@@ -28,12 +28,12 @@ struct Topology {
   std::vector<Vector3f> texture_coordinates;  ///< per vertex, [0, 1]^3 of the volume
   std::vector<std::uint8_t> fixed;            ///< per vertex, 1 where it never moves
 
-  std::vector<CellType> cell_types;            ///< per cell
-  std::vector<std::uint32_t> cell_offsets;     ///< cells + 1 entries into `connectivity`
-  std::vector<std::uint32_t> connectivity;     ///< vertex numbers in VTK's order for the cell's type
-  std::vector<std::uint16_t> materials;        ///< per cell, index into the scene's materials
-  std::vector<std::int32_t> face_neighbours;   ///< per cell and face in VTK's order: neighbour cell or -1
-  std::vector<std::uint8_t> cut_faces;         ///< per cell and face, 1 where an incision opened it
+  std::vector<CellType> cell_types;           ///< per cell
+  std::vector<std::uint32_t> cell_offsets;    ///< cells + 1 entries into `connectivity`
+  std::vector<std::uint32_t> connectivity;    ///< vertex numbers in VTK's order for the cell's type
+  std::vector<std::uint16_t> materials;       ///< per cell, index into the scene's materials
+  std::vector<std::int32_t> face_neighbours;  ///< per cell and face in VTK's order: neighbour cell or -1
+  std::vector<std::uint8_t> cut_faces;        ///< per cell and face, 1 where an incision opened it
 
   std::size_t vertexCount() const { return rest_positions.size(); }
   std::size_t cellCount() const { return cell_types.size(); }

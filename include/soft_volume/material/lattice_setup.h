@@ -24,7 +24,8 @@ struct LatticeSettings {
 /// it, the most frequent one does. The dissertation lets the stiffer material win outright, which would freeze a thin
 /// skin over bone. A cell without tissue voxels of its own exists too where a tissue voxel of a neighbouring cell lies
 /// within one voxel of it, with the most frequent material of those: between two voxels the volume is interpolated, so
-/// the tissue that is seen and touched reaches into such cells. Vertices of cells of a fixed material do not move, nor do those in `fixed_regions_m`.
+/// the tissue that is seen and touched reaches into such cells. Vertices of cells of a fixed material do not move, nor
+/// do those in `fixed_regions_m`.
 ///
 /// `labels` may be null when no material names labels. Throws SceneError when labels are needed but missing or on
 /// another grid, or when no cell remains.

@@ -18,12 +18,12 @@ struct Material {
   double cut_resistance_j_m2 = 0.0;  ///< energy to part a unit area; 0 where it is not modelled
   bool fixed = false;                ///< rigid and immovable; blades do not cut it
   Vector3f colour = Vector3f::Ones();
-  float opacity = 1.0F;              ///< per unit distance of the transfer function, in [0, 1]
+  float opacity = 1.0F;  ///< per unit distance of the transfer function, in [0, 1]
 
   // A voxel belongs to the material by its label where the material names labels, by its intensity otherwise.
   std::vector<std::int64_t> labels;
-  double intensity_min = 0.0;        ///< inclusive
-  double intensity_max = 0.0;        ///< exclusive
+  double intensity_min = 0.0;  ///< inclusive
+  double intensity_max = 0.0;  ///< exclusive
 
   bool byLabel() const { return !labels.empty(); }
 };

@@ -26,8 +26,8 @@
 namespace soft_volume {
 
 // Conversions between the core's types and messages. `toMessage` fills everything but the header, which belongs to the
-// caller. `fromMessage` throws InputError when the message cannot be the core's type; whether its content can be used is
-// for the core to judge. All are pure and safe from any thread.
+// caller. `fromMessage` throws InputError when the message cannot be the core's type; whether its content can be used
+// is for the core to judge. All are pure and safe from any thread.
 
 geometry_msgs::Point toPoint(const core::Vector3& p);
 geometry_msgs::Vector3 toVector(const core::Vector3& v);

@@ -35,7 +35,8 @@ Message fromPayload(std::vector<std::uint8_t> payload) {
   try {
     ros::serialization::IStream stream(payload.data(), static_cast<std::uint32_t>(payload.size()));
     ros::serialization::deserialize(stream, message);
-    if (stream.getLength() != 0) throw core::InputError("bytes are left over");
+    if (stream.getLength() != 0)
+      throw core::InputError("bytes are left over");
   } catch (const std::exception& error) {
     throw core::InputError(std::string("a journal payload cannot be read: ") + error.what());
   }

@@ -40,9 +40,9 @@ struct Frame {
   std::size_t cells = 0;       ///< not transparent under the transfer function, or next to one that is not
 
   // Wall time of the stages; the only things in a frame that differ between equal calls.
-  double transform_ms = 0.0;   ///< vertices to the camera frame, choice of the planes
-  double slice_ms = 0.0;       ///< buckets, active cells, polygons
-  double render_ms = 0.0;      ///< drawing and reading back
+  double transform_ms = 0.0;  ///< vertices to the camera frame, choice of the planes
+  double slice_ms = 0.0;      ///< buckets, active cells, polygons
+  double render_ms = 0.0;     ///< drawing and reading back
 
   /// Over an opaque background (RGB in [0, 1]), rounded. Colours are taken as they are, without a display curve.
   Image toRgb8(const Vector3f& background) const;

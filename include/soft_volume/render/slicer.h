@@ -50,8 +50,8 @@ struct SliceMesh {
 /// Cells are put into one bucket per plane in O(n) by their smallest z; going from plane to plane the active list takes
 /// in the next bucket and drops the cells that lie behind. Edges have no buckets of their own: each of the cells at an
 /// edge interpolates it again, always from the lower to the higher vertex number, so neighbours get the same bits. That
-/// is up to four times the interpolations of an active edge list but needs no look-up, and all of it is less than a tenth
-/// of a frame, which the filling of polygons dominates.
+/// is up to four times the interpolations of an active edge list but needs no look-up, and all of it is less than a
+/// tenth of a frame, which the filling of polygons dominates.
 ///
 /// Nothing is dropped at the border of the image: polygons reach beyond it and are clipped when drawn. Polygons that
 /// are not convex (warped cells) are triangulated by ear clipping, all others as fans; a loop that crosses itself (a

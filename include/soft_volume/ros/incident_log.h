@@ -10,8 +10,8 @@
 
 namespace soft_volume {
 
-/// Counts bad inputs by topic, logs them at most once a second per topic, and shows them in diagnostics: a warning while
-/// any came in the last period, with totals and the last reason. Thread-safe.
+/// Counts bad inputs by topic, logs them at most once a second per topic, and shows them in diagnostics: a warning
+/// while any came in the last period, with totals and the last reason. Thread-safe.
 class IncidentLog {
  public:
   void report(const std::string& topic, const std::string& reason) {
@@ -21,12 +21,14 @@ class IncidentLog {
     ++incident.recent;
     incident.reason = reason;
     const ros::WallTime now = ros::WallTime::now();
-    if (now - incident.logged < ros::WallDuration(1.0)) return;
+    if (now - incident.logged < ros::WallDuration(1.0))
+      return;
     incident.logged = now;
     ROS_WARN("%s: %s (%llu so far)", topic.c_str(), reason.c_str(), static_cast<unsigned long long>(incident.total));
   }
 
-  /// Adds one line per topic to a diagnostics status and raises it to a warning when something came since the last call.
+  /// Adds one line per topic to a diagnostics status and raises it to a warning when something came since the last
+  /// call.
   void addTo(diagnostic_updater::DiagnosticStatusWrapper& status) {
     const std::lock_guard<std::mutex> lock(mutex_);
     for (auto& entry : incidents_) {
@@ -43,7 +45,8 @@ class IncidentLog {
   std::uint64_t total() const {
     const std::lock_guard<std::mutex> lock(mutex_);
     std::uint64_t sum = 0;
-    for (const auto& entry : incidents_) sum += entry.second.total;
+    for (const auto& entry : incidents_)
+      sum += entry.second.total;
     return sum;
   }
 

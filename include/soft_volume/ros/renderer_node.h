@@ -50,9 +50,9 @@ class RendererNode {
     ros::Publisher compressed;
     ros::Publisher depth;
     ros::Subscriber view;
-    std::atomic<bool> redraw{true};        ///< the view or the audience changed
-    std::uint64_t drawn_state = 0;         ///< number of the state drawn last
-    double next_due_s = 0.0;               ///< simulated time from which on the next frame is wanted
+    std::atomic<bool> redraw{true};  ///< the view or the audience changed
+    std::uint64_t drawn_state = 0;   ///< number of the state drawn last
+    double next_due_s = 0.0;         ///< simulated time from which on the next frame is wanted
     std::uint64_t published = 0;
     std::uint64_t skipped = 0;
   };

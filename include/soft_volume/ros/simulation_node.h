@@ -136,7 +136,7 @@ class SimulationNode {
 
   std::multimap<std::uint64_t, Input> later_;  // inputs for a stated step
   bool paused_ = false;
-  std::uint64_t steps_granted_ = 0;            // by the step service, while paused
+  std::uint64_t steps_granted_ = 0;  // by the step service, while paused
   std::atomic<bool> key_frame_wanted_{true};
   std::atomic<bool> running_{true};
 

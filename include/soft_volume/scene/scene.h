@@ -19,11 +19,11 @@ namespace soft_volume::core {
 
 /// Where the voxels come from.
 struct VolumeSource {
-  std::string file;                                  ///< absolute, or relative to the scene file
-  std::string labels;                                ///< empty without labels; the same grid as `file`
-  Vector3i begin = Vector3i::Zero();                 ///< first voxel of the region of interest
-  Vector3i end = Vector3i::Zero();                   ///< one past the last voxel; 0 means the volume's end
-  Vector3i stride = Vector3i::Ones();                ///< every how many voxels one is kept, per axis
+  std::string file;                    ///< absolute, or relative to the scene file
+  std::string labels;                  ///< empty without labels; the same grid as `file`
+  Vector3i begin = Vector3i::Zero();   ///< first voxel of the region of interest
+  Vector3i end = Vector3i::Zero();     ///< one past the last voxel; 0 means the volume's end
+  Vector3i stride = Vector3i::Ones();  ///< every how many voxels one is kept, per axis
 };
 
 /// How often the simulation publishes, in simulated time, and what it accepts.
@@ -41,11 +41,11 @@ struct CameraSettings {
 
 struct RenderSettings {
   TransferFunction transfer_function;
-  int slices = 125;                          ///< planes over the depth of the grid at rest
-  double shading = 0.7;                      ///< 0: colours as they are, 1: full light
-  double depth_threshold = 0.5;              ///< accumulated opacity at which depth is taken
-  Vector3f background = Vector3f::Zero();    ///< RGB in [0, 1]
-  double rate_hz = 10.0;                     ///< most frames per second of simulated time and camera
+  int slices = 125;                        ///< planes over the depth of the grid at rest
+  double shading = 0.7;                    ///< 0: colours as they are, 1: full light
+  double depth_threshold = 0.5;            ///< accumulated opacity at which depth is taken
+  Vector3f background = Vector3f::Zero();  ///< RGB in [0, 1]
+  double rate_hz = 10.0;                   ///< most frames per second of simulated time and camera
   int jpeg_quality = 90;
   std::vector<CameraSettings> cameras;
 };
@@ -59,12 +59,12 @@ struct Scene {
   LatticeSettings lattice;
   SimulationSettings simulation;
   IncisionSettings incision;
-  double max_tool_force_n = 50.0;            ///< a tool's force beyond this is refused
+  double max_tool_force_n = 50.0;  ///< a tool's force beyond this is refused
   SimulationOutput output;
   RenderSettings rendering;
   std::vector<ToolConfig> tools;
   VirtualDeviceConfig device;
-  std::uint32_t swap_button = 1;             ///< a press puts the next tool of the list into the hand
+  std::uint32_t swap_button = 1;  ///< a press puts the next tool of the list into the hand
 
   const ToolConfig* findTool(const std::string& id) const;
 };

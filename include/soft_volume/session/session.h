@@ -50,8 +50,9 @@ class Session {
   Session(const Session&) = delete;
   Session& operator=(const Session&) = delete;
 
-  /// Refused: another session, a revision that was not current within the last 100 steps, an old sequence number, a tool that the scene does not have, a value that is
-  /// not finite or out of range, a footprint without tissue, a step that has passed.
+  /// Refused: another session, a revision that was not current within the last 100 steps, an old sequence number, a
+  /// tool that the scene does not have, a value that is not finite or out of range, a footprint without tissue, a step
+  /// that has passed.
   Verdict apply(const ToolForceCommand& command);
   /// Refused for the same reasons. A cut that meets no tissue is applied and changes nothing.
   Verdict apply(const ToolCutCommand& command);

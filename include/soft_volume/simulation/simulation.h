@@ -31,10 +31,10 @@ struct SimulationSettings {
 /// A force in effect, spread over vertices.
 struct HeldForce {
   Vector3 force_n = Vector3::Zero();
-  Vector3 point_m = Vector3::Zero();      ///< centre of the footprint, volume frame
-  std::uint64_t expires_at_step = 0;      ///< first step in which it no longer acts
-  std::vector<std::uint32_t> vertices;    ///< increasing
-  std::vector<double> weights;            ///< share of each vertex; they sum to 1
+  Vector3 point_m = Vector3::Zero();    ///< centre of the footprint, volume frame
+  std::uint64_t expires_at_step = 0;    ///< first step in which it no longer acts
+  std::vector<std::uint32_t> vertices;  ///< increasing
+  std::vector<double> weights;          ///< share of each vertex; they sum to 1
 };
 
 /// State that a bit-exact continuation needs beside lattice and settings.
@@ -42,8 +42,8 @@ struct SimulationState {
   std::uint64_t step = 0;
   std::vector<Vector3> positions_m;
   std::vector<Vector3> velocities_m_s;
-  std::vector<std::uint32_t> lifetimes;        ///< per cell, steps left, 0 = asleep
-  std::map<std::string, HeldForce> forces;     ///< by tool
+  std::vector<std::uint32_t> lifetimes;     ///< per cell, steps left, 0 = asleep
+  std::map<std::string, HeldForce> forces;  ///< by tool
 };
 
 /// The mass-spring simulation of chapter 4: fixed time step, active cells with lifetimes, safe moves.
@@ -59,8 +59,8 @@ class Simulation {
 
   /// Spreads a force over the vertices within `radius_m` of `point_m` (weight mass * (1 - r^2/R^2)^2, deformed
   /// positions), replacing the tool's previous force, and wakes the cells around. The mass keeps a corner that hangs on
-  /// one cell from getting the load of eight, which would push it through its cell. Returns false and changes nothing when no vertex
-  /// lies within the radius.
+  /// one cell from getting the load of eight, which would push it through its cell. Returns false and changes nothing
+  /// when no vertex lies within the radius.
   bool holdForce(const std::string& tool_id, const Vector3& force_n, const Vector3& point_m, double radius_m,
                  std::uint64_t expires_at_step);
   /// Lets a tool's force end now.
@@ -115,16 +115,16 @@ class Simulation {
   int threads_;
   SpringNetwork springs_;
   SimulationState state_;
-  std::vector<std::uint32_t> node_begin_;      ///< per lattice node: range in node_vertices_
-  std::vector<std::uint32_t> node_vertices_;   ///< vertices by lattice node, replicas included
-  std::vector<std::uint32_t> active_cells_;    ///< increasing
-  std::vector<std::uint32_t> active_vertices_; ///< increasing, none fixed
+  std::vector<std::uint32_t> node_begin_;       ///< per lattice node: range in node_vertices_
+  std::vector<std::uint32_t> node_vertices_;    ///< vertices by lattice node, replicas included
+  std::vector<std::uint32_t> active_cells_;     ///< increasing
+  std::vector<std::uint32_t> active_vertices_;  ///< increasing, none fixed
   bool active_changed_ = false;
 
-  std::vector<Vector3> external_n_;            ///< per vertex
-  std::vector<std::uint32_t> loaded_;          ///< vertices with an entry in external_n_
-  std::vector<Vector3> moves_;                 ///< per active vertex, scratch
-  std::vector<std::uint8_t> limited_;          ///< per active vertex, scratch
+  std::vector<Vector3> external_n_;    ///< per vertex
+  std::vector<std::uint32_t> loaded_;  ///< vertices with an entry in external_n_
+  std::vector<Vector3> moves_;         ///< per active vertex, scratch
+  std::vector<std::uint8_t> limited_;  ///< per active vertex, scratch
   std::uint64_t limited_moves_ = 0;
   /// No vertex is farther from rest than this; it only grows, so that searches by rest place find everything.
   double reach_m_ = 0.0;
