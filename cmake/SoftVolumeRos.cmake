@@ -28,3 +28,6 @@ function(soft_volume_ros_library name)
   install(TARGETS ${name} ARCHIVE DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION}
                           LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION})
 endfunction()
+
+install(DIRECTORY launch config DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION})
+install(PROGRAMS scripts/sample_data DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})

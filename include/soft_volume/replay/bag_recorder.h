@@ -40,8 +40,7 @@ boost::shared_ptr<AnyMessage> anyMessage(const Message& message) {
 ///   FILE.active brings back all but the last second.
 /// - It stops by itself, with the bag closed properly, when the disk is nearly full or a write fails.
 /// - close() writes what is queued and renames FILE.active to FILE, replacing a former FILE. A FILE.active that a
-/// killed
-///   recorder left behind is kept as FILE.interrupted (.2, .3, ...).
+///   killed recorder left behind is kept as FILE.interrupted (.2, .3, ...).
 ///
 /// write() and status() may be called from any thread.
 class BagRecorder {
