@@ -1,6 +1,18 @@
 #include "soft_volume/ros/device_node.h"
 #include "soft_volume/ros/run_node.h"
 
+namespace {
+
+constexpr char kHelp[] = R"(device_node _scene:=FILE [_frame_id:=NAME]
+
+A virtual haptic device: publishes measured_cp, measured_cv and joy at 1 kHz and obeys servo_cf.
+
+  _scene:=FILE              scene file whose device section is played; required
+  _frame_id:=NAME           name of the volume frame (volume)
+)";
+
+}  // namespace
+
 int main(int argc, char** argv) {
-  return soft_volume::runNode<soft_volume::DeviceNode>(argc, argv, "device_node");
+  return soft_volume::runNode<soft_volume::DeviceNode>(argc, argv, "device_node", kHelp);
 }

@@ -5,7 +5,20 @@
 #include <csignal>
 #include <exception>
 
+#include "soft_volume/ros/run_node.h"
+
 namespace {
+
+constexpr char kHelp[] = R"(recorder_node _file:=BAG [_NAME:=VALUE ...]
+
+Records everything that a replay needs; after a kill, 'rosbag reindex' brings back all but the last second.
+
+  _file:=BAG                bag to write; required
+  _topics:="[a, b]"         topics instead of the default ones; */NAME takes every topic that ends so
+  _compression:=none        lz4 or none (lz4)
+  _reserve_mib:=N           stop when less than this is free on the disk (256)
+  _queue_mib:=N             most that waits for the disk; more is dropped and counted (256)
+)";
 
 volatile std::sig_atomic_t received_signal = 0;
 
@@ -17,6 +30,8 @@ void remember(int number) {
 
 // roscpp's own handler would close the connections before what they hold is recorded.
 int main(int argc, char** argv) {
+  if (soft_volume::printHelp(argc, argv, kHelp))
+    return 0;
   ros::init(argc, argv, "recorder", ros::init_options::NoSigintHandler);
   std::signal(SIGINT, remember);
   std::signal(SIGTERM, remember);
