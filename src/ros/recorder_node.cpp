@@ -56,7 +56,7 @@ std::vector<std::string> wantedTopics(const ros::NodeHandle& node) {
 BagRecorderSettings recorderSettings(const ros::NodeHandle& node) {
   BagRecorderSettings settings;
   settings.file = requiredParameter<std::string>(node, "file", "the bag to write");
-  const auto compression = node.param<std::string>("compression", "lz4");
+  const auto compression = parameter<std::string>(node, "compression", "lz4");
   if (compression != "lz4" && compression != "none") {
     throw core::InputError("the parameter " + node.resolveName("compression") + " must be lz4 or none");
   }

@@ -237,7 +237,7 @@ void SimulationNode::run() {
   due_ = stats_time_ = Clock::now();
   while (running_ && ros::ok()) {
     runCommands();
-    if (mayStep()) {
+    if (!paused_) {
       waitForDueTime();
       waitForTools();
       applyInputs();
@@ -270,10 +270,6 @@ void SimulationNode::runCommands() {
   }
   for (const auto& command : commands)
     command();
-}
-
-bool SimulationNode::mayStep() {
-  return !paused_;
 }
 
 void SimulationNode::waitForDueTime() {

@@ -194,21 +194,21 @@ void Simulation::gatherExternalForces() {
 
 void Simulation::rebuildActiveSet() {
   active_cells_.clear();
-  std::vector<std::uint8_t> active(lattice_->vertexCount(), 0);
+  in_solve_.assign(lattice_->vertexCount(), 0);
   for (std::uint32_t cell = 0; cell < lattice_->cellCount(); ++cell) {
     if (state_.lifetimes[cell] == 0)
       continue;
     active_cells_.push_back(cell);
     for (const std::uint32_t v : lattice_->cells[cell])
-      active[v] = 1;
+      in_solve_[v] = 1;
   }
   for (const std::uint32_t v : active_vertices_) {
-    if (!active[v])
+    if (!in_solve_[v])
       state_.velocities_m_s[v].setZero();
   }
   active_vertices_.clear();
   for (std::uint32_t v = 0; v < lattice_->vertexCount(); ++v) {
-    if (active[v] && !lattice_->fixed[v])
+    if (in_solve_[v] && !lattice_->fixed[v])
       active_vertices_.push_back(v);
   }
   moves_.resize(active_vertices_.size());

@@ -80,7 +80,6 @@ class SimulationNode {
   // In the simulation's thread.
   void run();
   void runCommands();
-  bool mayStep();
   void waitForDueTime();
   void waitForTools();
   void applyInputs();
@@ -136,7 +135,6 @@ class SimulationNode {
 
   std::multimap<std::uint64_t, Input> later_;  // inputs for a stated step
   bool paused_ = false;
-  std::uint64_t steps_granted_ = 0;  // by the step service, while paused
   std::atomic<bool> key_frame_wanted_{true};
   std::atomic<bool> running_{true};
 

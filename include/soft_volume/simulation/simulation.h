@@ -119,6 +119,7 @@ class Simulation {
   std::vector<std::uint32_t> node_vertices_;    ///< vertices by lattice node, replicas included
   std::vector<std::uint32_t> active_cells_;     ///< increasing
   std::vector<std::uint32_t> active_vertices_;  ///< increasing, none fixed
+  std::vector<std::uint8_t> in_solve_;  ///< per vertex, scratch of rebuildActiveSet()
   bool active_changed_ = false;
 
   std::vector<Vector3> external_n_;    ///< per vertex
