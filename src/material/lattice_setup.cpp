@@ -89,11 +89,12 @@ void voteNearby(const Vector3& p, const Vector3& voxel_m, const std::function<Ve
 }
 
 Census takeCensus(const Volume& volume, const Volume* labels, const std::vector<Material>& materials,
-                  const Vector3i& dims, const Vector3& origin_m, double spacing_m) {
+                  const Vector3i& dims, const Vector3& origin_m, const Vector3& spacing_m) {
   Census census{Votes(dims, materials.size()), Votes(dims, materials.size())};
   const VolumeGeometry& geometry = volume.geometry();
   const auto cell_of = [&](const Vector3& p) -> Vector3i {
-    return ((p - origin_m) / spacing_m)
+    return (p - origin_m)
+        .cwiseQuotient(spacing_m)
         .array()
         .floor()
         .cast<int>()
@@ -200,12 +201,14 @@ void fixVertices(Lattice& lattice, const std::vector<Material>& materials, const
   }
 }
 
-void checkSpacing(const VolumeGeometry& geometry, double spacing_m) {
-  const double voxel = geometry.spacing_m.maxCoeff();
-  if (spacing_m >= voxel * (1.0 - 1e-6))
-    return;
-  throw SceneError("lattice.spacing_m " + std::to_string(spacing_m) + " is finer than the volume's voxels (" +
-                   std::to_string(voxel) + " m): cells would be empty; choose at least that");
+void checkSpacing(const VolumeGeometry& geometry, const Vector3& spacing_m) {
+  for (int a = 0; a < 3; ++a) {
+    if (spacing_m[a] >= geometry.spacing_m[a] * (1.0 - 1e-6))
+      continue;
+    throw SceneError("lattice.spacing_m " + std::to_string(spacing_m[a]) + " is finer along " + "xyz"[a] +
+                     " than the volume's voxels (" + std::to_string(geometry.spacing_m[a]) +
+                     " m): cells would be empty; choose at least that");
+  }
 }
 
 }  // namespace
@@ -215,10 +218,10 @@ Lattice buildLattice(const Volume& volume, const Volume* labels, const std::vect
   checkLabels(volume, labels, materials);
   checkSpacing(volume.geometry(), settings.spacing_m);
   const Box3 bounds = volume.geometry().bounds();
-  const double h = settings.spacing_m;
-  const Vector3i dims = (bounds.sizes() / h - Vector3::Constant(1e-9)).array().ceil().cast<int>().max(1);
-  const Vector3 spacing = Vector3::Constant(h);
-  const Census census = takeCensus(volume, labels, materials, dims, bounds.min(), h);
+  const Vector3& spacing = settings.spacing_m;
+  const Vector3 cells = bounds.sizes().cwiseQuotient(spacing);
+  const Vector3i dims = (cells.array() - 1e-9).ceil().cast<int>().max(1);
+  const Census census = takeCensus(volume, labels, materials, dims, bounds.min(), spacing);
   std::vector<std::int32_t> cell_materials(std::size_t(dims.prod()));
   for (std::size_t c = 0; c < cell_materials.size(); ++c) {
     cell_materials[c] = decide(census, c, materials, settings.stiff_fraction);

@@ -25,7 +25,7 @@ Material bone(double min, double max) {
 
 LatticeSettings coarse() {
   LatticeSettings settings;
-  settings.spacing_m = 0.004;
+  settings.spacing_m.setConstant(0.004);
   return settings;
 }
 
@@ -108,8 +108,18 @@ TEST(LatticeSetup, RefusesWhatDoesNotFit) {
   EXPECT_THROW(buildLattice(volume, &other_grid, {by_label}, coarse()), SceneError);
   EXPECT_THROW(buildLattice(volume, nullptr, {tissue(5000, 6000)}, coarse()), SceneError);
   LatticeSettings fine = coarse();
-  fine.spacing_m = 0.0005;
+  fine.spacing_m.setConstant(0.0005);
   EXPECT_THROW(buildLattice(volume, nullptr, {tissue(50, 200)}, fine), SceneError);
+}
+
+TEST(LatticeSetup, CellsNeedNotBeCubes) {
+  LatticeSettings settings = coarse();
+  settings.spacing_m = {0.004, 0.005, 0.006};
+  const Lattice lattice = buildLattice(halfSpace(), nullptr, {tissue(-1, 200)}, settings);
+  EXPECT_EQ(lattice.dims, Vector3i(8, 7, 6));
+  EXPECT_TRUE((lattice.rest_positions.back() - lattice.origin_m).isApprox(Vector3(0.032, 0.035, 0.036), 1e-12));
+  settings.spacing_m = {0.001, 0.001, 0.0009};
+  EXPECT_THROW(buildLattice(halfSpace(), nullptr, {tissue(-1, 200)}, settings), SceneError);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -13,8 +14,8 @@ struct Material {
   std::string name;
   double density_kg_m3 = 1000.0;
   double youngs_modulus_pa = 10000.0;
-  double poisson_ratio = 0.25;       ///< central-force springs have exactly 0.25
-  double damping_per_s = 0.0;        ///< rate at which velocity decays (force = -damping * mass * velocity)
+  double poisson_ratio = 0.25;       ///< 0.25 to 0.49; springs alone have 0.25, more adds the volume energy
+  double damping_ratio = 0.0;        ///< of critical, for the slowest mode of the tissue; 1: critical
   double cut_resistance_j_m2 = 0.0;  ///< energy to part a unit area; 0 where it is not modelled
   bool fixed = false;                ///< rigid and immovable; blades do not cut it
   Vector3f colour = Vector3f::Ones();
@@ -28,19 +29,39 @@ struct Material {
   bool byLabel() const { return !labels.empty(); }
 };
 
-/// Spring stiffness that one cubic cell owns, newton per metre.
+/// Elastic constants of an isotropic material, pascal.
+struct ElasticConstants {
+  double lambda_pa;
+  double mu_pa;
+  /// Modulus of the cell volume energy, kappa = lambda - mu: what springs (lambda = mu) lack; 0 at nu = 0.25.
+  double volume_pa;
+};
+/// lambda = E nu / ((1 + nu) (1 - 2 nu)), mu = E / (2 (1 + nu)). Throws SceneError unless E > 0 and nu is 0.25 to 0.49.
+ElasticConstants elasticConstants(double youngs_modulus_pa, double poisson_ratio);
+
+/// Spring stiffness that one box-shaped cell owns, newton per metre, to be summed over the cells that share a spring.
 struct CellSprings {
-  double edge_n_m;
-  double face_n_m;
+  std::array<double, 3> edge_n_m;  ///< along axis a
+  std::array<double, 3> face_n_m;  ///< diagonals of the faces normal to axis a
   double body_n_m;
 };
 
-/// The isotropic rule for a cubic cell of edge h: edge 0.14 E h, face and body diagonals 0.12 E h, each summed over the
-/// cells that share the spring. The homogenised lattice then has Young's modulus E and Poisson ratio 1/4 exactly.
-CellSprings isotropicSprings(double youngs_modulus_pa, double spacing_m);
+/// Largest ratio of the longest to the shortest cell edge. Springs exist up to sqrt(3): beyond it the longest edges
+/// would need a negative stiffness, whatever the third edge is.
+constexpr double kMaxSpacingAspect = 1.73;
 
-/// Largest stable time step of symplectic Euler for an infinite lattice of these springs: 2 / omega_max with
-/// omega_max^2 = 12 mu / (rho h^2), mu = 0.4 E; about 0.88 h sqrt(rho / E).
-double bulkTimeStepLimit(const Material& material, double spacing_m);
+/// The isotropic rule: springs whose homogenised lattice has shear modulus mu = E / (2 (1 + nu)) and Poisson ratio 1/4
+/// exactly in the patch test. In a lattice of box-shaped cells with edges h_a and volume V, after summing over owners,
+///   body diagonals  beta (h_x^2 + h_y^2 + h_z^2) / 4
+///   face diagonals  (mu V / (h_a^2 h_b^2) - beta) (h_a^2 + h_b^2) / 2
+///   edges           mu V (3 / h_a^2 - 1 / h_b^2 - 1 / h_c^2) + beta h_a^2
+/// for any beta; it is taken inside the interval where all are positive. Cubic cells own edges of 0.35 mu h, face and
+/// body diagonals of 0.30 mu h (at nu = 1/4: 0.14 E h and 0.12 E h). Throws SceneError for an aspect beyond
+/// kMaxSpacingAspect.
+CellSprings isotropicSprings(const ElasticConstants& constants, const Vector3& spacing_m);
+
+/// Largest stable time step of symplectic Euler for an infinite cubic lattice: 2 h sqrt(rho / (12 mu + 4 kappa)), with
+/// the shortest edge for h. A check of the computed limit, which is lower at a free surface.
+double bulkTimeStepLimit(const Material& material, const Vector3& spacing_m);
 
 }  // namespace soft_volume::core
