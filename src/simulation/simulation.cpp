@@ -3,34 +3,40 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
+#include "lattice_index.h"
+#include "rest_system.h"
+#include "safe_move.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
-#include "soft_volume/common/parallel.h"
+#include "soft_volume/grid/hexahedron.h"
+#include "soft_volume/simulation/corner_width.h"
+#include "soft_volume/simulation/oracle.h"
+#include "solver.h"
 
 namespace soft_volume::core {
 namespace {
 
-/// What the springs of one vertex say: the force they exert and the distance to the nearest vertex at their other ends.
-struct Gathered {
-  Vector3 force_n;
-  double nearest_m;
-};
+/// Inputs beyond this are mistakes of their sender: their squares would not be numbers in single precision.
+constexpr double kLargestInput = 1e15;
+/// The active set is looked at every so many steps.
+constexpr std::uint64_t kReviewSteps = 8;
+/// Rings of cells by which the frontier grows where it is pulled.
+constexpr int kGrowthRings = 2;
+/// Displacement of a half-space's surface at distance R from a force F is about 0.37 F / (E R): what a frontier there
+/// holds back.
+constexpr double kHalfSpaceYield = 0.37;
+/// Stiffness of an inner vertex, averaged over directions, is 2.4 E h.
+constexpr double kStiffnessPerModulus = 2.4;
 
-Gathered gatherSprings(const SpringNetwork& springs, const std::vector<Vector3>& positions, std::uint32_t vertex) {
-  const Vector3 p = positions[vertex];
-  Vector3 force = Vector3::Zero();
-  double nearest_squared = std::numeric_limits<double>::infinity();
-  for (std::uint32_t s = springs.row_begin[vertex]; s < springs.row_begin[vertex + 1]; ++s) {
-    const Vector3 d = positions[springs.neighbours[s]] - p;
-    const double squared = d.squaredNorm();
-    nearest_squared = std::min(nearest_squared, squared);
-    const double length = std::sqrt(squared);
-    // Two vertices at one place have no direction to push in; the other springs part them.
-    if (length > 0.0)
-      force += (springs.stiffness_n_m[s] * (length - springs.rest_length_m[s]) / length) * d;
-  }
-  return {force, std::sqrt(nearest_squared)};
+bool usable(const Vector3& v) {
+  return isFinite(v) && v.cwiseAbs().maxCoeff() <= kLargestInput;
+}
+
+void require(bool condition, const char* what) {
+  if (!condition)
+    throw InputError(what);
 }
 
 double footprintWeight(double distance_m, double radius_m) {
@@ -44,82 +50,473 @@ Box3 boxAround(const Vector3& point_m, double radius_m) {
   return {Vector3(point_m - r), Vector3(point_m + r)};
 }
 
-bool allFinite(const std::vector<Vector3>& values) {
-  return std::all_of(values.begin(), values.end(), [](const Vector3& v) { return isFinite(v); });
+/// How far beyond that of symplectic Euler the stability limit of an integrator lies; infinite where it has none.
+double limitFactor(Integrator integrator) {
+  switch (integrator) {
+    case Integrator::kSymplecticEuler:
+      return 1.0;
+    case Integrator::kDissertation:
+      return std::sqrt(0.5);
+    case Integrator::kRungeKutta4:
+      return std::sqrt(2.0);
+    default:
+      return std::numeric_limits<double>::infinity();
+  }
+}
+
+/// An automatic step of integrators without a limit, in units of symplectic Euler's.
+double usualSteps(Integrator integrator) {
+  return integrator == Integrator::kBackwardEuler ? 10.0 : 1.0;
+}
+
+/// Two digits, towards zero: a number that people can read, and times in messages that add up.
+double roundDown(double value) {
+  const double unit = std::pow(10.0, std::floor(std::log10(value)) - 1.0);
+  return std::floor(value / unit * (1.0 + 1e-12)) * unit;
+}
+
+void checkMaterial(const Material& material) {
+  const auto in = [](double value, double from, double to) { return value >= from && value <= to; };
+  const std::string name = "material '" + material.name + "': ";
+  if (!in(material.density_kg_m3, 1e-6, 1e9))
+    throw SceneError(name + "density_kg_m3 must be a number in [1e-6, 1e9]");
+  if (!in(material.youngs_modulus_pa, 1e-6, 1e15))
+    throw SceneError(name + "youngs_modulus_pa must be a number in [1e-6, 1e15]");
+  if (!in(material.poisson_ratio, 0.25, 0.49))
+    throw SceneError(name + "poisson_ratio must be a number in [0.25, 0.49]");
+  if (!in(material.damping_ratio, 0.0, 1e6))
+    throw SceneError(name + "damping_ratio must be a number in [0, 1e6]");
+}
+
+void checkSettings(const SimulationSettings& settings) {
+  const auto positive = [](double value) { return std::isfinite(value) && value > 0.0; };
+  if (!(settings.dt_s >= 0.0 && settings.dt_s <= 1e6))
+    throw SceneError("dt_s must be a positive number of seconds, or 0 for an automatic step");
+  if (!(settings.dt_fraction > 0.0 && settings.dt_fraction <= 1.0))
+    throw SceneError("dt_fraction must be in (0, 1]");
+  if (!positive(settings.activation_threshold) || !positive(settings.error_tolerance))
+    throw SceneError("activation_threshold and error_tolerance must be positive numbers");
+  if (!(settings.activation_radius_m >= 0.0) || !(settings.lifetime_s > 0.0))
+    throw SceneError("activation_radius_m must not be negative and lifetime_s must be positive");
+  if (!usable(settings.gravity_m_s2))
+    throw SceneError("gravity_m_s2 must be three finite numbers");
+  for (const SurfacePressure& pressure : settings.pressures) {
+    if (!std::isfinite(pressure.pressure_pa) || std::abs(pressure.pressure_pa) > kLargestInput)
+      throw SceneError("a pressure must be a finite number of pascals");
+  }
 }
 
 }  // namespace
 
-Simulation::Simulation(const Lattice& lattice, const std::vector<Material>& materials,
-                       const SimulationSettings& settings, int threads)
-    : lattice_(&lattice), materials_(&materials), settings_(settings), threads_(threads) {
-  state_.positions_m = lattice.rest_positions;
-  state_.velocities_m_s.assign(lattice.vertexCount(), Vector3::Zero());
-  state_.lifetimes.assign(lattice.cellCount(), 0);
-  adoptTopology();
-}
+struct Simulation::Impl {
+  Impl(const Lattice& lattice, const std::vector<Material>& materials, const SimulationSettings& settings, int threads);
 
-void Simulation::indexNodes() {
-  const std::size_t nodes = lattice_->latticeNode(lattice_->dims.x(), lattice_->dims.y(), lattice_->dims.z()) + 1;
-  node_begin_.assign(nodes + 1, 0);
-  for (const std::uint32_t node : lattice_->lattice_nodes)
-    ++node_begin_[node + 1];
-  for (std::size_t n = 0; n < nodes; ++n)
-    node_begin_[n + 1] += node_begin_[n];
-  node_vertices_.resize(lattice_->vertexCount());
-  std::vector<std::uint32_t> next(node_begin_.begin(), node_begin_.end() - 1);
-  for (std::uint32_t v = 0; v < lattice_->vertexCount(); ++v)
-    node_vertices_[next[lattice_->lattice_nodes[v]]++] = v;
-}
+  double dampingFrequency() const;
+  void chooseStep();
+  void findPressedFaces();
+  double stabilityLimit() const;
+  void adoptTopology();
+  void rebuild();
+  void review();
+  void growWhere(const std::vector<FrontierVertex>& frontier);
+  void rest();
+  void wakeCell(std::uint32_t cell);
+  void wake(const Box3& rest_box_m);
+  void wakeAround(const std::vector<std::uint32_t>& vertices);
+  void wakeForPressures();
+  void expire();
+  void gatherActions();
+  void addPressures();
+  void gatherTargets();
+  void sync() const;
+  void touch() { forces_current = false; }
+  bool keepsLifetimes() const { return settings.active_set != ActiveSet::kAll; }
+  double frontierError() const;
+  void addAltitudeForces(const OracleModel& oracle) const;
+  double altitudeEnergy(const OracleModel& oracle) const;
+  const std::vector<Vector3>& forces() const;
+  std::vector<std::uint32_t> verticesNear(const Vector3& point_m, double radius_m) const;
+  void hold(const std::string& tool_id, HeldGrip grip);
 
-void Simulation::adoptTopology() {
-  for (std::size_t v = state_.positions_m.size(); v < lattice_->vertexCount(); ++v) {
-    const std::uint32_t origin = lattice_->origin_vertices[v];
-    state_.positions_m.push_back(state_.positions_m[origin]);
-    state_.velocities_m_s.push_back(state_.velocities_m_s[origin]);
+  const Lattice* lattice;
+  const std::vector<Material>* materials;
+  SimulationSettings settings;
+  int threads;
+  LatticeIndex index;
+  SpringModel model;
+  std::unique_ptr<Solver> solver;
+  mutable std::optional<double> limit_s;
+  int substeps = 1;
+  std::uint32_t lifetime_steps = 1;
+
+  mutable SimulationState state;
+  mutable std::vector<Vector3> positions_m;
+  mutable bool current = true;  ///< state holds what the solver holds
+  mutable double reach_m = 0.0;
+
+  std::vector<std::uint32_t> active_cells;
+  std::vector<std::uint32_t> moving;
+  bool active_changed = true;
+  std::vector<std::uint8_t> restless;  ///< per vertex, scratch of rest()
+  std::vector<FrontierVertex> frontier;
+
+  OuterActions actions;
+  std::vector<std::array<std::uint32_t, 4>> pressed_faces;
+  std::vector<double> pressed_pa;
+  SimulationStats stats;
+  mutable std::vector<Vector3> forces_n;  ///< on all vertices, for forceOn()
+  mutable bool forces_current = false;
+};
+
+Simulation::Impl::Impl(const Lattice& l, const std::vector<Material>& m, const SimulationSettings& s, int t)
+    : lattice(&l), materials(&m), settings(s), threads(t), index(l) {
+  checkSettings(settings);
+  for (const Material& material : *materials)
+    checkMaterial(material);
+  model = makeSpringModel(*lattice, *materials, settings.spring_rule, 0.0);
+  const bool damped =
+      settings.spring_rule == SpringRule::kIsotropic && std::any_of(m.begin(), m.end(), [](const Material& material) {
+        return !material.fixed && material.damping_ratio > 0.0;
+      });
+  if (damped) {
+    const double frequency = dampingFrequency();
+    model = makeSpringModel(*lattice, *materials, settings.spring_rule, frequency);
   }
-  external_n_.resize(lattice_->vertexCount(), Vector3::Zero());
-  springs_ = buildSpringNetwork(*lattice_, *materials_);
-  indexNodes();
-  active_changed_ = true;
+  chooseStep();
+  solver = makeSolver(settings.precision, *lattice, index, threads);
+  state.displacements_m.assign(lattice->vertexCount(), Vector3::Zero());
+  state.velocities_m_s.assign(lattice->vertexCount(), Vector3::Zero());
+  state.lifetimes.assign(lattice->cellCount(), 0);
+  positions_m = lattice->rest_positions;
+  findPressedFaces();
+  wakeForPressures();
 }
 
-void Simulation::restore(SimulationState state) {
-  const bool fits = state.positions_m.size() == lattice_->vertexCount() &&
-                    state.velocities_m_s.size() == lattice_->vertexCount() &&
-                    state.lifetimes.size() == lattice_->cellCount();
-  if (!fits)
-    throw InputError("the saved state belongs to another lattice: its vertex or cell count differs");
-  if (!allFinite(state.positions_m) || !allFinite(state.velocities_m_s)) {
-    throw InputError("the saved state holds a position or velocity that is not finite");
+/// The slowest mode of the lattice: to it damping ratios refer. A free lattice stretches along its longest side.
+double Simulation::Impl::dampingFrequency() const {
+  const double lowest = RestSystem(*lattice, settings.spring_rule, model).lowestFrequency();
+  if (lowest > 0.0)
+    return lowest;
+  double speed = std::numeric_limits<double>::infinity();
+  for (const Material& material : *materials)
+    speed = std::min(speed, std::sqrt(material.youngs_modulus_pa / material.density_kg_m3));
+  return M_PI * speed / lattice->spacing_m.cwiseProduct(lattice->dims.cast<double>()).maxCoeff();
+}
+
+double Simulation::Impl::stabilityLimit() const {
+  if (!limit_s) {
+    const double frequency = RestSystem(*lattice, settings.spring_rule, model).largestFrequency();
+    limit_s = frequency > 0.0 ? 2.0 / frequency : std::numeric_limits<double>::infinity();
   }
-  for (const auto& entry : state.forces) {
-    const HeldForce& held = entry.second;
-    const auto exists = [this](std::uint32_t v) { return v < lattice_->vertexCount(); };
-    if (held.vertices.size() != held.weights.size() || !isFinite(held.force_n) ||
-        !std::all_of(held.vertices.begin(), held.vertices.end(), exists)) {
-      throw InputError("the saved state holds a force that does not fit the lattice");
+  return *limit_s;
+}
+
+void Simulation::Impl::chooseStep() {
+  const double factor = limitFactor(settings.integrator);
+  const bool limited = std::isfinite(factor);
+  substeps = 1;
+  if (settings.dt_s == 0.0) {
+    const double limit = stabilityLimit() * (limited ? factor : usualSteps(settings.integrator));
+    settings.dt_s = std::isfinite(limit) ? roundDown(settings.dt_fraction * limit) : 0.001;
+  }
+  // Figure 4.4 as written knows no limit.
+  const bool as_written =
+      settings.integrator == Integrator::kDissertation && settings.safe_move == SafeMove::kDissertation;
+  if (limited && !as_written && settings.dt_s > factor * model.certain_step_s) {
+    const double limit = factor * stabilityLimit();
+    if (settings.dt_s > limit && !settings.substeps) {
+      throw SceneError("simulation.dt_s " + std::to_string(settings.dt_s) + " s is beyond the stability limit of " +
+                       std::to_string(limit) +
+                       " s: choose a smaller step, `dt_s: auto`, `substeps: true` or the integrator backward_euler");
+    }
+    if (settings.dt_s > limit)
+      substeps = static_cast<int>(std::ceil(settings.dt_s / (settings.dt_fraction * limit)));
+  }
+  const double steps = std::round(settings.lifetime_s / settings.dt_s);
+  lifetime_steps = static_cast<std::uint32_t>(std::min(std::max(steps, 1.0), 4e9));
+}
+
+// --- the active set
+
+void Simulation::Impl::wakeCell(std::uint32_t cell) {
+  active_changed = active_changed || state.lifetimes[cell] == 0;
+  state.lifetimes[cell] = lifetime_steps;
+}
+
+void Simulation::Impl::wake(const Box3& rest_box_m) {
+  const Vector3 radius = Vector3::Constant(settings.activation_radius_m);
+  const Box3 grown(Vector3(rest_box_m.min() - radius), Vector3(rest_box_m.max() + radius));
+  forEachCell(*lattice, latticeBox(*lattice, grown), [this](std::uint32_t cell) { wakeCell(cell); });
+}
+
+void Simulation::Impl::wakeAround(const std::vector<std::uint32_t>& vertices) {
+  Box3 box;
+  for (const std::uint32_t v : vertices)
+    box.extend(lattice->rest_positions[v]);
+  if (!vertices.empty())
+    wake(box);
+}
+
+void Simulation::Impl::rebuild() {
+  sync();
+  active_cells.clear();
+  for (std::uint32_t cell = 0; cell < lattice->cellCount(); ++cell) {
+    if (settings.active_set == ActiveSet::kAll || state.lifetimes[cell] > 0)
+      active_cells.push_back(cell);
+  }
+  const std::vector<std::uint32_t> before = std::move(moving);
+  solver->build(model, active_cells, keepsLifetimes(), state);
+  moving = solver->movingVertices();
+  for (const std::uint32_t v : before) {
+    if (!std::binary_search(moving.begin(), moving.end(), v))
+      state.velocities_m_s[v].setZero();
+  }
+  stats.active_cells = static_cast<std::uint32_t>(active_cells.size());
+  stats.active_vertices = static_cast<std::uint32_t>(moving.size());
+  actions.loads_changed = true;
+  active_changed = false;
+}
+
+void Simulation::Impl::growWhere(const std::vector<FrontierVertex>& pulled) {
+  const double threshold_m = settings.activation_threshold * model.shortest_edge_m;
+  const Vector3 rings = (kGrowthRings - 0.5) * lattice->spacing_m;
+  for (const FrontierVertex& vertex : pulled) {
+    if (vertex.force_n.norm() <= threshold_m * vertex.stiffness_n_m)
+      continue;
+    const Vector3& at = lattice->rest_positions[vertex.vertex];
+    forEachCell(*lattice, latticeBox(*lattice, Box3(Vector3(at - rings), Vector3(at + rings))),
+                [this](std::uint32_t cell) { wakeCell(cell); });
+  }
+}
+
+/// Cells come to rest when none of their vertices would go farther than the threshold within their lifetime, nor is
+/// pulled farther.
+void Simulation::Impl::rest() {
+  const double threshold_m = 0.5 * settings.activation_threshold * model.shortest_edge_m;
+  const double span_s = settings.lifetime_s;
+  restless.resize(lattice->vertexCount(), 0);
+  solver->forEachMoving([&](std::uint32_t v, double speed_m_s, double pull_m) {
+    restless[v] = speed_m_s * span_s > threshold_m || pull_m > threshold_m ? 1 : 0;
+  });
+  for (const std::uint32_t cell : active_cells) {
+    const auto& vertices = lattice->cells[cell];
+    std::uint32_t& lifetime = state.lifetimes[cell];
+    if (std::any_of(vertices.begin(), vertices.end(), [this](std::uint32_t v) { return restless[v] != 0; }))
+      lifetime = lifetime_steps;
+    else
+      lifetime -= std::min(lifetime, static_cast<std::uint32_t>(kReviewSteps));
+    active_changed = active_changed || lifetime == 0;
+  }
+  for (const std::uint32_t v : moving)
+    restless[v] = 0;
+}
+
+/// After every step: who leaves the solve, and who joins.
+void Simulation::Impl::review() {
+  if (settings.active_set == ActiveSet::kNeighbourhood) {
+    for (const std::uint32_t cell : active_cells)
+      active_changed = --state.lifetimes[cell] == 0 || active_changed;
+  } else if (settings.active_set == ActiveSet::kGrowth && (state.step + 1) % kReviewSteps == 0) {
+    rest();
+    solver->readFrontier(frontier);
+    growWhere(frontier);
+  }
+}
+
+double Simulation::Impl::frontierError() const {
+  if (!keepsLifetimes() || moving.empty())
+    return 0.0;
+  std::vector<FrontierVertex> held;
+  solver->readFrontier(held);
+  Vector3 force = Vector3::Zero();
+  double stiffness = 0.0;
+  for (const FrontierVertex& vertex : held) {
+    force += vertex.force_n;
+    stiffness += vertex.stiffness_n_m / double(held.size());
+  }
+  if (held.empty())
+    return 0.0;
+  const double h = std::cbrt(lattice->spacing_m.prod());
+  const double radius_m = h * std::cbrt(1.5 / M_PI * double(moving.size()));
+  return kHalfSpaceYield * force.norm() / (stiffness / (kStiffnessPerModulus * h) * radius_m);
+}
+
+// --- what acts from outside
+
+void Simulation::Impl::expire() {
+  for (auto it = state.forces.begin(); it != state.forces.end();) {
+    const bool over = it->second.expires_at_step <= state.step;
+    actions.loads_changed = actions.loads_changed || over;
+    it = over ? state.forces.erase(it) : std::next(it);
+  }
+  for (auto it = state.grips.begin(); it != state.grips.end();)
+    it = it->second.expires_at_step <= state.step ? state.grips.erase(it) : std::next(it);
+}
+
+/// The faces of the surface (not of incisions) whose centre lies in the region of a pressure.
+void Simulation::Impl::findPressedFaces() {
+  for (const SurfacePressure& pressure : settings.pressures) {
+    for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
+      for (std::size_t face = 0; face < 6; ++face) {
+        if (lattice->face_neighbours[cell][face] != Lattice::kNone || lattice->cut_faces[cell][face])
+          continue;
+        std::array<std::uint32_t, 4> vertices;
+        Vector3 centre = Vector3::Zero();
+        for (std::size_t n = 0; n < 4; ++n) {
+          vertices[n] = lattice->cells[cell][static_cast<std::size_t>(kHexahedronFaces[face][n])];
+          centre += 0.25 * lattice->rest_positions[vertices[n]];
+        }
+        if (!pressure.region_m.contains(centre))
+          continue;
+        pressed_faces.push_back(vertices);
+        pressed_pa.push_back(pressure.pressure_pa);
+      }
     }
   }
-  state_ = std::move(state);
-  external_n_.assign(lattice_->vertexCount(), Vector3::Zero());
-  loaded_.clear();
-  reach_m_ = maxDisplacement();
-  active_changed_ = true;
 }
 
-std::vector<std::uint32_t> Simulation::verticesNear(const Vector3& point_m, double radius_m) const {
+/// Gravity and pressures act from the start.
+void Simulation::Impl::wakeForPressures() {
+  if (!settings.gravity_m_s2.isZero(0.0)) {
+    for (std::uint32_t cell = 0; cell < lattice->cellCount(); ++cell)
+      wakeCell(cell);
+  }
+  for (const auto& face : pressed_faces)
+    wakeAround({face.begin(), face.end()});
+}
+
+/// p A n / 4 on each vertex of a face, from its deformed shape.
+void Simulation::Impl::addPressures() {
+  for (std::size_t n = 0; n < pressed_faces.size(); ++n) {
+    const auto& face = pressed_faces[n];
+    const Vector3 area =
+        0.5 * (positions_m[face[2]] - positions_m[face[0]]).cross(positions_m[face[3]] - positions_m[face[1]]);
+    for (const std::uint32_t v : face)
+      actions.loads.push_back({v, Vector3(-0.25 * pressed_pa[n] * area)});
+  }
+}
+
+void Simulation::Impl::gatherTargets() {
+  actions.targets.clear();
+  for (const auto& entry : state.grips) {
+    const HeldGrip& grip = entry.second;
+    for (std::size_t n = 0; n < grip.vertices.size(); ++n) {
+      const std::uint32_t v = grip.vertices[n];
+      actions.targets.push_back({v, grip.pose * grip.anchors_m[n] - lattice->rest_positions[v]});
+    }
+  }
+  // Where two grips hold a vertex, the first one by name has it.
+  const auto before = [](const Target& a, const Target& b) { return a.vertex < b.vertex; };
+  const auto same = [](const Target& a, const Target& b) { return a.vertex == b.vertex; };
+  std::stable_sort(actions.targets.begin(), actions.targets.end(), before);
+  actions.targets.erase(std::unique(actions.targets.begin(), actions.targets.end(), same), actions.targets.end());
+}
+
+void Simulation::Impl::gatherActions() {
+  if (!state.grips.empty() || !actions.targets.empty())
+    gatherTargets();
+  if (!pressed_faces.empty()) {
+    sync();
+    actions.loads_changed = true;
+  }
+  if (!actions.loads_changed)
+    return;
+  actions.loads = state.loads;
+  for (const auto& entry : state.forces) {
+    const HeldForce& held = entry.second;
+    for (std::size_t n = 0; n < held.vertices.size(); ++n)
+      actions.loads.push_back({held.vertices[n], Vector3(held.weights[n] * held.force_n)});
+  }
+  addPressures();
+}
+
+void Simulation::Impl::sync() const {
+  if (current)
+    return;
+  solver->readState(state, positions_m);
+  double squared = reach_m * reach_m;
+  for (const std::uint32_t v : moving)
+    squared = std::max(squared, state.displacements_m[v].squaredNorm());
+  reach_m = std::sqrt(squared);
+  current = true;
+}
+
+void Simulation::Impl::adoptTopology() {
+  sync();
+  for (std::size_t v = state.displacements_m.size(); v < lattice->vertexCount(); ++v) {
+    const std::uint32_t origin = lattice->origin_vertices[v];
+    state.displacements_m.push_back(state.displacements_m[origin]);
+    state.velocities_m_s.push_back(state.velocities_m_s[origin]);
+    positions_m.push_back(positions_m[origin]);
+  }
+  index.refresh();
+  pressed_faces.clear();
+  pressed_pa.clear();
+  findPressedFaces();
+  active_changed = true;
+}
+
+const std::vector<Vector3>& Simulation::Impl::forces() const {
+  if (forces_current)
+    return forces_n;
+  sync();
+  const OracleModel oracle(*lattice, *materials, settings.spring_rule);
+  forces_n.assign(lattice->vertexCount(), Vector3::Zero());
+  oracle.addForces(state.displacements_m, forces_n);
+  const std::vector<double> masses = oracleMasses(*lattice, *materials, settings.spring_rule);
+  for (std::size_t v = 0; v < forces_n.size(); ++v)
+    forces_n[v] += masses[v] * settings.gravity_m_s2;
+  std::vector<VertexLoad> loads = state.loads;
+  for (const auto& entry : state.forces) {
+    const HeldForce& held = entry.second;
+    for (std::size_t n = 0; n < held.vertices.size(); ++n)
+      loads.push_back({held.vertices[n], Vector3(held.weights[n] * held.force_n)});
+  }
+  for (const VertexLoad& load : loads)
+    forces_n[load.vertex] += load.force_n;
+  if (settings.safe_move == SafeMove::kWidth)
+    addAltitudeForces(oracle);
+  forces_current = true;
+  return forces_n;
+}
+
+/// Altitude springs in the clear form, on all cells.
+void Simulation::Impl::addAltitudeForces(const OracleModel& oracle) const {
+  for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
+    const AltitudeSpring spring{model.materials[lattice->materials[cell]].altitude_n_m,
+                                kAltitudeWidth * model.shortest_edge_m};
+    const CellCorners corners = oracle.corners(cell, state.displacements_m);
+    for (int t = 0; t < 8; ++t) {
+      const CornerWidth width = cornerWidthGradient(cornerEdges(corners, t));
+      for (std::size_t n = 0; n < 4; ++n)
+        forces_n[lattice->cells[cell][kCornerTetrahedra[t][n]]] += spring.force(width.width_m) * width.gradient[n];
+    }
+  }
+}
+
+double Simulation::Impl::altitudeEnergy(const OracleModel& oracle) const {
+  double energy = 0.0;
+  for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
+    const AltitudeSpring spring{model.materials[lattice->materials[cell]].altitude_n_m,
+                                kAltitudeWidth * model.shortest_edge_m};
+    const CellCorners corners = oracle.corners(cell, state.displacements_m);
+    for (int t = 0; t < 8; ++t)
+      energy += spring.energy(cornerWidth(cornerEdges(corners, t)));
+  }
+  return energy;
+}
+
+std::vector<std::uint32_t> Simulation::Impl::verticesNear(const Vector3& point_m, double radius_m) const {
+  sync();
   std::vector<std::uint32_t> found;
-  const LatticeBox box = latticeBox(*lattice_, boxAround(point_m, radius_m + reach_m_));
+  const LatticeBox box = latticeBox(*lattice, boxAround(point_m, radius_m + reach_m));
   for (int k = box.begin.z(); k <= box.end.z(); ++k) {
     for (int j = box.begin.y(); j <= box.end.y(); ++j) {
       for (int i = box.begin.x(); i <= box.end.x(); ++i) {
-        const std::size_t node = lattice_->latticeNode(i, j, k);
-        for (std::uint32_t n = node_begin_[node]; n < node_begin_[node + 1]; ++n) {
-          const std::uint32_t v = node_vertices_[n];
-          if ((state_.positions_m[v] - point_m).squaredNorm() < radius_m * radius_m)
+        index.forEachVertex(lattice->latticeNode(i, j, k), [&](std::uint32_t v) {
+          if ((positions_m[v] - point_m).squaredNorm() < radius_m * radius_m)
             found.push_back(v);
-        }
+        });
       }
     }
   }
@@ -127,26 +524,32 @@ std::vector<std::uint32_t> Simulation::verticesNear(const Vector3& point_m, doub
   return found;
 }
 
-std::vector<std::uint32_t> Simulation::cellsNear(const Vector3& point_m, double radius_m) const {
-  std::vector<std::uint32_t> found;
-  forEachCell(*lattice_, latticeBox(*lattice_, boxAround(point_m, radius_m + reach_m_)), [&](std::uint32_t cell) {
-    const auto near = [&](std::uint32_t v) {
-      return (state_.positions_m[v] - point_m).squaredNorm() < radius_m * radius_m;
-    };
-    const auto& vertices = lattice_->cells[cell];
-    if (std::any_of(vertices.begin(), vertices.end(), near))
-      found.push_back(cell);
-  });
-  return found;
+void Simulation::Impl::hold(const std::string& tool_id, HeldGrip grip) {
+  wakeAround(grip.vertices);
+  state.grips[tool_id] = std::move(grip);
+  touch();
 }
+
+// --- the public face
+
+Simulation::Simulation(const Lattice& lattice, const std::vector<Material>& materials,
+                       const SimulationSettings& settings, int threads)
+    : impl_(std::make_unique<Impl>(lattice, materials, settings, threads)) {}
+Simulation::Simulation(Simulation&&) noexcept = default;
+Simulation& Simulation::operator=(Simulation&&) noexcept = default;
+Simulation::~Simulation() = default;
 
 bool Simulation::holdForce(const std::string& tool_id, const Vector3& force_n, const Vector3& point_m, double radius_m,
                            std::uint64_t expires_at_step) {
+  require(usable(force_n), "a force must be three finite numbers of newtons");
+  require(usable(point_m) && radius_m > 0.0 && radius_m <= kLargestInput,
+          "the place of a force must be a finite point and a positive radius");
   HeldForce held;
-  held.vertices = verticesNear(point_m, radius_m);
+  held.vertices = impl_->verticesNear(point_m, radius_m);
   double total = 0.0;
   for (const std::uint32_t v : held.vertices) {
-    held.weights.push_back(springs_.mass_kg[v] * footprintWeight((state_.positions_m[v] - point_m).norm(), radius_m));
+    const double distance = (impl_->positions_m[v] - point_m).norm();
+    held.weights.push_back(mass(v) * footprintWeight(distance, radius_m));
     total += held.weights.back();
   }
   if (total <= 0.0)
@@ -154,149 +557,331 @@ bool Simulation::holdForce(const std::string& tool_id, const Vector3& force_n, c
   Vector3 rest_centre = Vector3::Zero();
   for (std::size_t n = 0; n < held.vertices.size(); ++n) {
     held.weights[n] /= total;
-    rest_centre += held.weights[n] * lattice_->rest_positions[held.vertices[n]];
+    rest_centre += held.weights[n] * impl_->lattice->rest_positions[held.vertices[n]];
   }
   held.force_n = force_n;
   held.point_m = point_m;
   held.expires_at_step = expires_at_step;
-  state_.forces[tool_id] = std::move(held);
-  wake(boxAround(rest_centre, 0.0));
+  if (impl_->settings.active_set == ActiveSet::kGrowth)
+    impl_->wakeAround(held.vertices);
+  else
+    impl_->wake(boxAround(rest_centre, 0.0));
+  impl_->state.forces[tool_id] = std::move(held);
+  impl_->actions.loads_changed = true;
+  impl_->touch();
   return true;
 }
 
+void Simulation::releaseForce(const std::string& tool_id) {
+  const auto it = impl_->state.forces.find(tool_id);
+  if (it == impl_->state.forces.end())
+    return;
+  impl_->wakeAround(it->second.vertices);
+  impl_->state.forces.erase(it);
+  impl_->actions.loads_changed = true;
+  impl_->touch();
+}
+
+bool Simulation::closeGrip(const std::string& tool_id, const Vector3& point_m, double radius_m, const Pose& pose,
+                           std::uint64_t expires_at_step) {
+  require(usable(point_m) && radius_m > 0.0 && radius_m <= kLargestInput,
+          "the place of a grip must be a finite point and a positive radius");
+  const std::vector<std::uint32_t> vertices = impl_->verticesNear(point_m, radius_m);
+  if (vertices.empty())
+    return false;
+  gripVertices(tool_id, vertices, pose, expires_at_step);
+  return true;
+}
+
+void Simulation::gripVertices(const std::string& tool_id, const std::vector<std::uint32_t>& vertices, const Pose& pose,
+                              std::uint64_t expires_at_step) {
+  std::vector<Vector3> targets;
+  for (const std::uint32_t v : vertices) {
+    require(v < impl_->lattice->vertexCount(), "a grip names a vertex that does not exist");
+    targets.push_back(positions()[v]);
+  }
+  require(isUsable(pose) && usable(pose.position_m), "a grip's pose must be finite with a unit quaternion");
+  leadVertices(tool_id, vertices, targets, expires_at_step);
+  HeldGrip& grip = impl_->state.grips[tool_id];
+  grip.pose = {pose.position_m, pose.orientation.normalized()};
+  const Pose inverse = grip.pose.inverse();
+  for (Vector3& anchor : grip.anchors_m)
+    anchor = inverse * anchor;
+}
+
+void Simulation::leadVertices(const std::string& tool_id, const std::vector<std::uint32_t>& vertices,
+                              const std::vector<Vector3>& targets_m, std::uint64_t expires_at_step) {
+  require(vertices.size() == targets_m.size(), "a grip needs one place for every vertex");
+  HeldGrip grip;
+  grip.expires_at_step = expires_at_step;
+  std::map<std::uint32_t, Vector3> sorted;
+  for (std::size_t n = 0; n < vertices.size(); ++n) {
+    require(vertices[n] < impl_->lattice->vertexCount(), "a grip names a vertex that does not exist");
+    require(usable(targets_m[n]), "a grip's place must be three finite numbers");
+    if (!isFixed(*impl_->lattice, impl_->settings.spring_rule, vertices[n]))
+      sorted[vertices[n]] = targets_m[n];
+  }
+  for (const auto& entry : sorted) {
+    grip.vertices.push_back(entry.first);
+    grip.anchors_m.push_back(entry.second);
+  }
+  impl_->hold(tool_id, std::move(grip));
+}
+
+bool Simulation::moveGrip(const std::string& tool_id, const Pose& pose, std::uint64_t expires_at_step) {
+  require(isUsable(pose) && usable(pose.position_m), "a grip's pose must be finite with a unit quaternion");
+  const auto it = impl_->state.grips.find(tool_id);
+  if (it == impl_->state.grips.end())
+    return false;
+  it->second.pose = {pose.position_m, pose.orientation.normalized()};
+  it->second.expires_at_step = expires_at_step;
+  impl_->wakeAround(it->second.vertices);
+  return true;
+}
+
+void Simulation::releaseGrip(const std::string& tool_id) {
+  const auto it = impl_->state.grips.find(tool_id);
+  if (it == impl_->state.grips.end())
+    return;
+  impl_->wakeAround(it->second.vertices);
+  impl_->state.grips.erase(it);
+}
+
+void Simulation::setLoads(const std::vector<VertexLoad>& loads) {
+  for (const VertexLoad& load : loads) {
+    require(load.vertex < impl_->lattice->vertexCount(), "a load names a vertex that does not exist");
+    require(usable(load.force_n), "a load must be three finite numbers of newtons");
+  }
+  for (const VertexLoad& load : impl_->state.loads)
+    impl_->wakeAround({load.vertex});
+  for (const VertexLoad& load : loads)
+    impl_->wakeAround({load.vertex});
+  impl_->state.loads = loads;
+  std::stable_sort(impl_->state.loads.begin(), impl_->state.loads.end(),
+                   [](const VertexLoad& a, const VertexLoad& b) { return a.vertex < b.vertex; });
+  impl_->actions.loads_changed = true;
+  impl_->touch();
+}
+
 void Simulation::wake(const Box3& rest_box_m) {
-  const Vector3 radius = Vector3::Constant(settings_.activation_radius_m);
-  const Box3 grown(Vector3(rest_box_m.min() - radius), Vector3(rest_box_m.max() + radius));
-  forEachCell(*lattice_, latticeBox(*lattice_, grown), [this](std::uint32_t cell) {
-    active_changed_ = active_changed_ || state_.lifetimes[cell] == 0;
-    state_.lifetimes[cell] = settings_.lifetime_steps;
-  });
+  impl_->wake(rest_box_m);
 }
 
-void Simulation::dropExpiredForces() {
-  for (auto it = state_.forces.begin(); it != state_.forces.end();) {
-    it = it->second.expires_at_step <= state_.step ? state_.forces.erase(it) : std::next(it);
-  }
-}
-
-void Simulation::gatherExternalForces() {
-  for (const std::uint32_t v : loaded_)
-    external_n_[v].setZero();
-  loaded_.clear();
-  for (const auto& entry : state_.forces) {
-    const HeldForce& held = entry.second;
-    for (std::size_t n = 0; n < held.vertices.size(); ++n) {
-      external_n_[held.vertices[n]] += held.weights[n] * held.force_n;
-      loaded_.push_back(held.vertices[n]);
-    }
-  }
-}
-
-void Simulation::rebuildActiveSet() {
-  active_cells_.clear();
-  in_solve_.assign(lattice_->vertexCount(), 0);
-  for (std::uint32_t cell = 0; cell < lattice_->cellCount(); ++cell) {
-    if (state_.lifetimes[cell] == 0)
-      continue;
-    active_cells_.push_back(cell);
-    for (const std::uint32_t v : lattice_->cells[cell])
-      in_solve_[v] = 1;
-  }
-  for (const std::uint32_t v : active_vertices_) {
-    if (!in_solve_[v])
-      state_.velocities_m_s[v].setZero();
-  }
-  active_vertices_.clear();
-  for (std::uint32_t v = 0; v < lattice_->vertexCount(); ++v) {
-    if (in_solve_[v] && !lattice_->fixed[v])
-      active_vertices_.push_back(v);
-  }
-  moves_.resize(active_vertices_.size());
-  limited_.resize(active_vertices_.size());
-  active_changed_ = false;
-}
-
-void Simulation::ageCells() {
-  for (const std::uint32_t cell : active_cells_) {
-    if (--state_.lifetimes[cell] == 0)
-      active_changed_ = true;
-  }
-}
-
-void Simulation::moveVertex(std::size_t active_index) {
-  const std::uint32_t v = active_vertices_[active_index];
-  const double dt = settings_.dt_s;
-  const Gathered gathered = gatherSprings(springs_, state_.positions_m, v);
-  const Vector3 acceleration = (gathered.force_n + external_n_[v]) / springs_.mass_kg[v];
-  Vector3& velocity = state_.velocities_m_s[v];
-  // Damping is taken implicitly: it can only take energy out, whatever its rate.
-  velocity = (velocity + dt * acceleration) / (1.0 + dt * springs_.damping_kg_s[v] / springs_.mass_kg[v]);
-  Vector3 move = dt * velocity;
-  if (settings_.integrator == Integrator::kDissertation)
-    move += 0.5 * dt * dt * acceleration;
-  const double longest = settings_.safe_move_fraction * gathered.nearest_m;
-  const double length = move.norm();
-  limited_[active_index] = length > longest ? 1 : 0;
-  if (length > longest) {
-    move *= longest / length;
-    velocity = move / dt;  // a velocity that the vertex did not have would wind up momentum
-  }
-  moves_[active_index] = move;
-}
-
-void Simulation::applyMoves() {
-  for (std::size_t n = 0; n < active_vertices_.size(); ++n) {
-    const std::uint32_t v = active_vertices_[n];
-    state_.positions_m[v] += moves_[n];
-    limited_moves_ += limited_[n];
-    reach_m_ = std::max(reach_m_, (state_.positions_m[v] - lattice_->rest_positions[v]).norm());
-  }
+void Simulation::wakeAll() {
+  for (std::uint32_t cell = 0; cell < impl_->lattice->cellCount(); ++cell)
+    impl_->wakeCell(cell);
 }
 
 void Simulation::step() {
-  dropExpiredForces();
-  gatherExternalForces();
-  if (active_changed_)
-    rebuildActiveSet();
-  parallelFor(static_cast<std::ptrdiff_t>(active_vertices_.size()), threads_,
-              [this](std::ptrdiff_t n) { moveVertex(static_cast<std::size_t>(n)); });
-  applyMoves();
-  ageCells();
+  Impl& impl = *impl_;
+  impl.expire();
+  if (impl.active_changed)
+    impl.rebuild();
+  impl.gatherActions();
+  const double part_s = impl.settings.dt_s / impl.substeps;
+  for (int n = 0; n < impl.substeps; ++n) {
+    impl.solver->step(impl.settings, part_s, impl.actions, impl.stats);
+    impl.actions.loads_changed = false;
+  }
+  impl.current = false;
+  impl.touch();
+  impl.review();
   // Now rather than with the next step: what leaves the solve comes to rest, and a state saved here must say so.
-  if (active_changed_)
-    rebuildActiveSet();
-  ++state_.step;
+  if (impl.active_changed)
+    impl.rebuild();
+  ++impl.state.step;
+}
+
+void Simulation::setIntegrator(Integrator integrator, double dt_s) {
+  const SimulationSettings before = impl_->settings;
+  impl_->settings.integrator = integrator;
+  impl_->settings.dt_s = dt_s;
+  try {
+    checkSettings(impl_->settings);
+    impl_->chooseStep();
+  } catch (const Error&) {
+    impl_->settings = before;
+    impl_->chooseStep();
+    throw;
+  }
+}
+
+void Simulation::adoptTopology() {
+  impl_->adoptTopology();
+  impl_->touch();
+}
+
+void Simulation::restore(SimulationState state) {
+  const Lattice& lattice = *impl_->lattice;
+  const auto allUsable = [](const std::vector<Vector3>& values) {
+    return std::all_of(values.begin(), values.end(), usable);
+  };
+  const auto exists = [&](std::uint32_t v) { return v < lattice.vertexCount(); };
+  const auto allExist = [&](const std::vector<std::uint32_t>& v) { return std::all_of(v.begin(), v.end(), exists); };
+  require(state.displacements_m.size() == lattice.vertexCount() &&
+              state.velocities_m_s.size() == lattice.vertexCount() && state.lifetimes.size() == lattice.cellCount(),
+          "the saved state belongs to another lattice: its vertex or cell count differs");
+  require(allUsable(state.displacements_m) && allUsable(state.velocities_m_s),
+          "the saved state holds a displacement or velocity that is not a finite number");
+  for (const auto& entry : state.forces) {
+    const HeldForce& held = entry.second;
+    require(held.vertices.size() == held.weights.size() && usable(held.force_n) && allExist(held.vertices) &&
+                std::all_of(held.weights.begin(), held.weights.end(), [](double w) { return w >= 0.0 && w <= 1.0; }),
+            "the saved state holds a force that does not fit the lattice");
+  }
+  for (const auto& entry : state.grips) {
+    const HeldGrip& grip = entry.second;
+    require(grip.vertices.size() == grip.anchors_m.size() && allUsable(grip.anchors_m) && allExist(grip.vertices) &&
+                isUsable(grip.pose),
+            "the saved state holds a grip that does not fit the lattice");
+  }
+  for (const VertexLoad& load : state.loads)
+    require(exists(load.vertex) && usable(load.force_n), "the saved state holds a load that does not fit the lattice");
+  impl_->state = std::move(state);
+  impl_->current = true;
+  impl_->moving.clear();
+  for (std::size_t v = 0; v < lattice.vertexCount(); ++v)
+    impl_->positions_m[v] = lattice.rest_positions[v] + impl_->state.displacements_m[v];
+  impl_->reach_m = maxDisplacement();
+  impl_->actions.loads_changed = true;
+  impl_->active_changed = true;
+  impl_->touch();
+}
+
+const SimulationState& Simulation::state() const {
+  impl_->sync();
+  return impl_->state;
+}
+
+const std::vector<Vector3>& Simulation::positions() const {
+  impl_->sync();
+  return impl_->positions_m;
+}
+
+const SimulationSettings& Simulation::settings() const {
+  return impl_->settings;
+}
+
+int Simulation::threads() const {
+  return impl_->threads;
+}
+
+std::uint64_t Simulation::steps() const {
+  return impl_->state.step;
+}
+
+SimulationStats Simulation::stats() const {
+  SimulationStats stats = impl_->stats;
+  stats.frontier_error_m = impl_->frontierError();
+  return stats;
+}
+
+double Simulation::stabilityLimit() const {
+  return impl_->stabilityLimit();
+}
+
+int Simulation::substeps() const {
+  return impl_->substeps;
+}
+
+double Simulation::reach() const {
+  impl_->sync();
+  return impl_->reach_m;
+}
+
+std::size_t Simulation::activeCells() const {
+  return impl_->active_cells.size();
 }
 
 double Simulation::maxDisplacement() const {
   double squared = 0.0;
-  for (std::size_t v = 0; v < state_.positions_m.size(); ++v) {
-    squared = std::max(squared, (state_.positions_m[v] - lattice_->rest_positions[v]).squaredNorm());
-  }
+  for (const Vector3& u : state().displacements_m)
+    squared = std::max(squared, u.squaredNorm());
   return std::sqrt(squared);
 }
 
 double Simulation::maxSpeed() const {
   double squared = 0.0;
-  for (const Vector3& v : state_.velocities_m_s)
+  for (const Vector3& v : velocities())
     squared = std::max(squared, v.squaredNorm());
   return std::sqrt(squared);
 }
 
+std::vector<std::uint32_t> Simulation::verticesNear(const Vector3& point_m, double radius_m) const {
+  return impl_->verticesNear(point_m, radius_m);
+}
+
+std::vector<std::uint32_t> Simulation::cellsNear(const Vector3& point_m, double radius_m) const {
+  const std::vector<Vector3>& positions_m = positions();
+  std::vector<std::uint32_t> found;
+  const LatticeBox box = latticeBox(*impl_->lattice, boxAround(point_m, radius_m + impl_->reach_m));
+  forEachCell(*impl_->lattice, box, [&](std::uint32_t cell) {
+    const auto near = [&](std::uint32_t v) { return (positions_m[v] - point_m).squaredNorm() < radius_m * radius_m; };
+    const auto& vertices = impl_->lattice->cells[cell];
+    if (std::any_of(vertices.begin(), vertices.end(), near))
+      found.push_back(cell);
+  });
+  return found;
+}
+
+double Simulation::minWidth() const {
+  return oracleMinWidth(*impl_->lattice, state().displacements_m);
+}
+
 Vector3 Simulation::forceOn(std::uint32_t vertex) const {
-  Vector3 force = gatherSprings(springs_, state_.positions_m, vertex).force_n;
-  for (const auto& entry : state_.forces) {
-    const HeldForce& held = entry.second;
-    for (std::size_t n = 0; n < held.vertices.size(); ++n) {
-      if (held.vertices[n] == vertex)
-        force += held.weights[n] * held.force_n;
-    }
+  return impl_->forces()[vertex];
+}
+
+double Simulation::mass(std::uint32_t vertex) const {
+  std::array<CellCorner, 8> around;
+  const int count = impl_->index.cellsOf(vertex, around);
+  double mass_kg = 0.0;
+  for (int n = 0; n < count; ++n) {
+    const std::uint32_t cell = around[static_cast<std::size_t>(n)].cell;
+    mass_kg += impl_->model.materials[impl_->lattice->materials[cell]].corner_mass_kg;
   }
-  return force;
+  const bool heavy = impl_->settings.spring_rule == SpringRule::kDissertation && impl_->lattice->fixed[vertex];
+  return heavy ? kDissertationRigidMass * mass_kg : mass_kg;
+}
+
+Mechanics Simulation::mechanics() const {
+  const Impl& impl = *impl_;
+  const SimulationState& now = state();
+  const OracleModel oracle(*impl.lattice, *impl.materials, impl.settings.spring_rule);
+  Mechanics mechanics;
+  mechanics.elastic_j = oracle.energy(now.displacements_m);
+  if (impl.settings.safe_move == SafeMove::kWidth)
+    mechanics.elastic_j += impl.altitudeEnergy(oracle);
+  const std::vector<double> masses = oracleMasses(*impl.lattice, *impl.materials, impl.settings.spring_rule);
+  for (std::size_t v = 0; v < masses.size(); ++v) {
+    const Vector3 momentum = masses[v] * now.velocities_m_s[v];
+    mechanics.kinetic_j += 0.5 * momentum.dot(now.velocities_m_s[v]);
+    mechanics.linear_momentum_kg_m_s += momentum;
+    mechanics.angular_momentum_kg_m2_s += impl.positions_m[v].cross(momentum);
+  }
+  return mechanics;
+}
+
+std::vector<MemoryUse> Simulation::memory() const {
+  const Impl& impl = *impl_;
+  const Lattice& lattice = *impl.lattice;
+  const auto bytes = [](const auto& values) { return values.capacity() * sizeof(values[0]); };
+  std::vector<MemoryUse> table;
+  table.push_back({"lattice", bytes(lattice.cells) + bytes(lattice.parent_cells) + bytes(lattice.materials) +
+                                  bytes(lattice.rest_stretch) + bytes(lattice.face_neighbours) +
+                                  bytes(lattice.cut_faces) + bytes(lattice.rest_positions) + bytes(lattice.fixed) +
+                                  bytes(lattice.origin_vertices) + bytes(lattice.lattice_nodes) +
+                                  bytes(lattice.cell_at) + impl.index.bytes()});
+  table.push_back({"state", bytes(impl.state.displacements_m) + bytes(impl.state.velocities_m_s) +
+                                bytes(impl.state.lifetimes) + bytes(impl.positions_m)});
+  table.push_back(
+      {"active set", bytes(impl.active_cells) + bytes(impl.moving) + bytes(impl.restless) + bytes(impl.frontier)});
+  impl.solver->addMemory(table);
+  return table;
 }
 
 std::uint64_t Simulation::stateHash() const {
-  return hashVector(state_.velocities_m_s, hashVector(state_.positions_m));
+  return hashVector(state().velocities_m_s, hashVector(state().displacements_m));
 }
 
 }  // namespace soft_volume::core

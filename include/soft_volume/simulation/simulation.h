@@ -2,31 +2,16 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "soft_volume/grid/lattice.h"
 #include "soft_volume/material/material.h"
-#include "soft_volume/simulation/spring_network.h"
+#include "soft_volume/simulation/settings.h"
 
 namespace soft_volume::core {
-
-enum class Integrator {
-  kSymplecticEuler,  ///< v += dt a; x += dt v
-  kDissertation,     ///< Figure 4.4: x += dt v + a dt^2 / 2, stable up to 0.7 of the limit, damps numerically
-};
-
-/// How a lattice moves. Defaults are those of the scene file.
-struct SimulationSettings {
-  Integrator integrator = Integrator::kSymplecticEuler;
-  double dt_s = 0.001;
-  /// A vertex moves at most this fraction of the distance to its nearest neighbour in one step (section 4.3).
-  double safe_move_fraction = 0.4;
-  /// Cells within this distance of a force or cut are in the solve.
-  double activation_radius_m = 0.06;
-  /// Steps for which a cell stays in the solve after the last force or cut near it.
-  std::uint32_t lifetime_steps = 3000;
-};
 
 /// A force in effect, spread over vertices.
 struct HeldForce {
@@ -37,40 +22,112 @@ struct HeldForce {
   std::vector<double> weights;          ///< share of each vertex; they sum to 1
 };
 
+/// Vertices that jaws or a plate hold: each is led to pose * anchor through the safe move.
+struct HeldGrip {
+  Pose pose;                            ///< of the jaws, volume frame
+  std::uint64_t expires_at_step = 0;    ///< first step in which it no longer holds
+  std::vector<std::uint32_t> vertices;  ///< increasing
+  std::vector<Vector3> anchors_m;       ///< of each vertex, frame of the jaws
+};
+
+/// A force on one vertex that stays until it is replaced.
+struct VertexLoad {
+  std::uint32_t vertex = 0;
+  Vector3 force_n = Vector3::Zero();
+};
+
 /// State that a bit-exact continuation needs beside lattice and settings.
 struct SimulationState {
   std::uint64_t step = 0;
-  std::vector<Vector3> positions_m;
+  std::vector<Vector3> displacements_m;  ///< from rest, per vertex
   std::vector<Vector3> velocities_m_s;
   std::vector<std::uint32_t> lifetimes;     ///< per cell, steps left, 0 = asleep
   std::map<std::string, HeldForce> forces;  ///< by tool
+  std::map<std::string, HeldGrip> grips;    ///< by tool
+  std::vector<VertexLoad> loads;            ///< by increasing vertex
 };
 
-/// The mass-spring simulation of chapter 4: fixed time step, active cells with lifetimes, safe moves.
+/// What happened since the simulation was made, and how wrong the answer may be.
+struct SimulationStats {
+  std::uint32_t active_cells = 0;
+  std::uint32_t active_vertices = 0;
+  std::uint64_t limited_moves = 0;      ///< vertex moves shortened by the safe move
+  std::uint64_t guard_fallbacks = 0;    ///< steps in which every vertex was held to the pure width rule
+  std::uint64_t saturated_forces = 0;   ///< vertex forces cut to the largest that the tissue can carry
+  std::uint64_t rejected_steps = 0;     ///< adaptive: tries that were backed up
+  std::uint64_t solver_iterations = 0;  ///< backward Euler: conjugate gradient iterations
+  double grip_lag_m = 0.0;              ///< largest distance between a gripped vertex and where its grip wants it, now
+  /// Estimate of how much farther the tissue would move if the whole lattice were in the solve, metres; 0 when it is.
+  double frontier_error_m = 0.0;
+};
+
+/// Energies in joule, momenta about the volume frame's origin. For tests and validation: a pass over the lattice.
+struct Mechanics {
+  double kinetic_j = 0.0;
+  double elastic_j = 0.0;
+  Vector3 linear_momentum_kg_m_s = Vector3::Zero();
+  Vector3 angular_momentum_kg_m2_s = Vector3::Zero();
+};
+
+/// One line of the table of what holds memory.
+struct MemoryUse {
+  std::string what;
+  std::size_t bytes = 0;
+};
+
+/// The mass-spring simulation of chapter 4, in the variants of SimulationSettings.
 ///
-/// Deterministic: the same lattice, settings and sequence of calls give the same bits for any number of threads. Not
-/// thread-safe; step() allocates nothing once the active set has reached its size, and takes no lock.
+/// Deterministic: the same lattice, settings and sequence of calls give the same bits for any number of threads and on
+/// processors with and without AVX2. Not thread-safe; step() allocates nothing while the active set stays the same, and
+/// takes no lock. Every input is checked: values that are not finite or absurdly large (beyond 1e30) throw InputError
+/// and leave the state as it was.
 class Simulation {
  public:
   /// Keeps a reference to `lattice` and `materials`, which must outlive it. After an incision changed the lattice, call
-  /// adoptTopology().
+  /// adoptTopology(). Throws SceneError for materials or settings that are out of range, and for a step beyond the
+  /// stability limit of an explicit integrator unless substeps are wanted.
   Simulation(const Lattice& lattice, const std::vector<Material>& materials, const SimulationSettings& settings,
              int threads);
+  Simulation(Simulation&&) noexcept;
+  Simulation& operator=(Simulation&&) noexcept;
+  ~Simulation();
 
   /// Spreads a force over the vertices within `radius_m` of `point_m` (weight mass * (1 - r^2/R^2)^2, deformed
   /// positions), replacing the tool's previous force, and wakes the cells around. The mass keeps a corner that hangs on
   /// one cell from getting the load of eight, which would push it through its cell. Returns false and changes nothing
-  /// when no vertex lies within the radius.
+  /// when no vertex lies within the radius. Each vertex's share is saturated at a bound that scales with its stiffness
+  /// times the cell edge.
   bool holdForce(const std::string& tool_id, const Vector3& force_n, const Vector3& point_m, double radius_m,
                  std::uint64_t expires_at_step);
   /// Lets a tool's force end now.
-  void releaseForce(const std::string& tool_id) { state_.forces.erase(tool_id); }
+  void releaseForce(const std::string& tool_id);
+
+  /// Closes jaws at `pose` on the vertices within `radius_m` of `point_m` (deformed positions). Returns false and
+  /// changes nothing when there are none. Replaces the tool's previous grip.
+  bool closeGrip(const std::string& tool_id, const Vector3& point_m, double radius_m, const Pose& pose,
+                 std::uint64_t expires_at_step);
+  /// The same for given vertices: a plate. Ignores fixed vertices.
+  void gripVertices(const std::string& tool_id, const std::vector<std::uint32_t>& vertices, const Pose& pose,
+                    std::uint64_t expires_at_step);
+  /// The same with a place of its own for every vertex (volume frame).
+  void leadVertices(const std::string& tool_id, const std::vector<std::uint32_t>& vertices,
+                    const std::vector<Vector3>& targets_m, std::uint64_t expires_at_step);
+  /// Moves closed jaws. Returns false when the tool holds nothing.
+  bool moveGrip(const std::string& tool_id, const Pose& pose, std::uint64_t expires_at_step);
+  void releaseGrip(const std::string& tool_id);
+
+  /// Replaces the forces on single vertices. Wakes the cells around those that changed.
+  void setLoads(const std::vector<VertexLoad>& loads);
 
   /// Puts the cells whose rest place lies within the activation radius of the box (rest positions) into the solve.
   void wake(const Box3& rest_box_m);
+  void wakeAll();
 
   /// Advances by one time step.
   void step();
+
+  /// Changes the integrator and its step while the state stays. `dt_s` 0: automatic. Throws as the constructor does.
+  void setIntegrator(Integrator integrator, double dt_s);
 
   /// Takes over vertices that an incision added (they start where the vertex that they replicate is, with its velocity)
   /// and the changed springs.
@@ -79,15 +136,25 @@ class Simulation {
   /// Replaces the state, as taken from state(). Throws InputError when it does not fit the lattice or is not finite.
   void restore(SimulationState state);
 
-  const SimulationState& state() const { return state_; }
-  const std::vector<Vector3>& positions() const { return state_.positions_m; }
-  const std::vector<Vector3>& velocities() const { return state_.velocities_m_s; }
-  const SimulationSettings& settings() const { return settings_; }
-  int threads() const { return threads_; }
+  const SimulationState& state() const;
+  /// Deformed positions, volume frame. Valid until the next call that is not const.
+  const std::vector<Vector3>& positions() const;
+  const std::vector<Vector3>& velocities() const { return state().velocities_m_s; }
+  /// As given, with the resolved time step.
+  const SimulationSettings& settings() const;
+  int threads() const;
+  std::uint64_t steps() const;
+  SimulationStats stats() const;
+  /// Largest stable step of the undamped explicit integrators, by power iteration on the whole lattice; infinite when
+  /// nothing can move. Computed once per topology.
+  double stabilityLimit() const;
+  /// How many parts a step is divided into.
+  int substeps() const;
+
   /// No vertex is farther from rest than this, in metres.
-  double reach() const { return reach_m_; }
-  std::size_t activeCells() const { return active_cells_.size(); }
-  std::uint64_t limitedMoves() const { return limited_moves_; }
+  double reach() const;
+  std::size_t activeCells() const;
+  std::uint64_t limitedMoves() const { return stats().limited_moves; }
   /// Largest distance of any vertex from rest, in metres.
   double maxDisplacement() const;
   double maxSpeed() const;
@@ -95,40 +162,20 @@ class Simulation {
   std::vector<std::uint32_t> verticesNear(const Vector3& point_m, double radius_m) const;
   /// Cells with a vertex within the radius, increasing order.
   std::vector<std::uint32_t> cellsNear(const Vector3& point_m, double radius_m) const;
-  /// Sum of spring forces and held forces on a vertex, newton. For tests.
+  /// Least width of all corner tetrahedra in metres (negative: inverted), from the definition, in double precision.
+  double minWidth() const;
+  /// Sum of inner and outer forces on a vertex, newton, in double precision. For tests and validation.
   Vector3 forceOn(std::uint32_t vertex) const;
-  /// XXH3-64 of all positions and velocities.
+  /// Mass of a vertex, kg.
+  double mass(std::uint32_t vertex) const;
+  Mechanics mechanics() const;
+  std::vector<MemoryUse> memory() const;
+  /// XXH3-64 of all displacements and velocities.
   std::uint64_t stateHash() const;
 
  private:
-  void indexNodes();
-  void rebuildActiveSet();
-  void ageCells();
-  void dropExpiredForces();
-  void gatherExternalForces();
-  void moveVertex(std::size_t active_index);
-  void applyMoves();
-
-  const Lattice* lattice_;
-  const std::vector<Material>* materials_;
-  SimulationSettings settings_;
-  int threads_;
-  SpringNetwork springs_;
-  SimulationState state_;
-  std::vector<std::uint32_t> node_begin_;       ///< per lattice node: range in node_vertices_
-  std::vector<std::uint32_t> node_vertices_;    ///< vertices by lattice node, replicas included
-  std::vector<std::uint32_t> active_cells_;     ///< increasing
-  std::vector<std::uint32_t> active_vertices_;  ///< increasing, none fixed
-  std::vector<std::uint8_t> in_solve_;  ///< per vertex, scratch of rebuildActiveSet()
-  bool active_changed_ = false;
-
-  std::vector<Vector3> external_n_;    ///< per vertex
-  std::vector<std::uint32_t> loaded_;  ///< vertices with an entry in external_n_
-  std::vector<Vector3> moves_;         ///< per active vertex, scratch
-  std::vector<std::uint8_t> limited_;  ///< per active vertex, scratch
-  std::uint64_t limited_moves_ = 0;
-  /// No vertex is farther from rest than this; it only grows, so that searches by rest place find everything.
-  double reach_m_ = 0.0;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace soft_volume::core
