@@ -5,6 +5,7 @@
 #include <string>
 
 #include "soft_volume/common/error.h"
+#include "soft_volume/grid/lattice.h"
 
 namespace soft_volume::core {
 namespace {
@@ -68,6 +69,31 @@ CellSprings isotropicSprings(const ElasticConstants& constants, const Vector3& s
   }
   springs.body_n_m = scale * beta * squared.sum() / 4.0;
   return springs;
+}
+
+double springStiffness(const CellSprings& springs, const CornerPair& pair) {
+  if (pair.axes == 3)
+    return springs.body_n_m;
+  for (int d = 0; d < 3; ++d) {
+    const bool differs = kHexahedronCorners[pair.a][d] != kHexahedronCorners[pair.b][d];
+    if (differs == (pair.axes == 1))
+      return pair.axes == 1 ? springs.edge_n_m[d] : springs.face_n_m[d];
+  }
+  return 0.0;  // not reached: one axis always stands out
+}
+
+double dissertationStrength(const Lattice& lattice, const std::vector<Material>& materials) {
+  double modulus_sum_pa = 0.0;
+  std::size_t cells = 0;
+  for (const std::uint16_t m : lattice.materials) {
+    if (materials[m].fixed)
+      continue;
+    modulus_sum_pa += materials[m].youngs_modulus_pa;
+    ++cells;
+  }
+  if (cells == 0)
+    throw SceneError("every cell is of a fixed material: one spring strength for all needs tissue that can move");
+  return 1.2 * (modulus_sum_pa / double(cells)) * lattice.spacing_m.mean() / (13.0 / 3.0);
 }
 
 double bulkTimeStepLimit(const Material& material, const Vector3& spacing_m) {

@@ -28,8 +28,7 @@ struct LatticeSettings {
 /// do those in `fixed_regions_m`.
 ///
 /// `labels` may be null when no material names labels. Throws SceneError when labels are needed but missing or on
-/// another grid, when no cell remains, or when a cell would be shorter than a
-/// voxel.
+/// another grid, when no cell remains, or when a cell would be shorter than a voxel.
 Lattice buildLattice(const Volume& volume, const Volume* labels, const std::vector<Material>& materials,
                      const LatticeSettings& settings);
 

@@ -6,8 +6,11 @@
 #include <vector>
 
 #include "soft_volume/common/geometry.h"
+#include "soft_volume/grid/hexahedron.h"
 
 namespace soft_volume::core {
+
+struct Lattice;
 
 /// A tissue and the voxels that consist of it. SI units.
 struct Material {
@@ -46,6 +49,9 @@ struct CellSprings {
   double body_n_m;
 };
 
+/// Stiffness of the spring between a pair of corners.
+double springStiffness(const CellSprings& springs, const CornerPair& pair);
+
 /// Largest ratio of the longest to the shortest cell edge. Springs exist up to sqrt(3): beyond it the longest edges
 /// would need a negative stiffness, whatever the third edge is.
 constexpr double kMaxSpacingAspect = 1.73;
@@ -59,6 +65,14 @@ constexpr double kMaxSpacingAspect = 1.73;
 /// body diagonals of 0.30 mu h (at nu = 1/4: 0.14 E h and 0.12 E h). Throws SceneError for an aspect beyond
 /// kMaxSpacingAspect.
 CellSprings isotropicSprings(const ElasticConstants& constants, const Vector3& spacing_m);
+
+/// The dissertation's rule (section 4.2): one strength for every spring, however many cells share it, newton per metre.
+/// Equal springs k give a cubic lattice the modulus C11 = (13 / 3) k / h; so that it is that of the isotropic rule,
+/// k = 1.2 E h / (13 / 3) with E the mean over the cells whose material is not fixed and h the mean cell edge. Throws
+/// SceneError when every material is fixed.
+double dissertationStrength(const Lattice& lattice, const std::vector<Material>& materials);
+/// Section 4.2 does not fix rigid tissue: it moves, and is as many times as heavy.
+constexpr double kDissertationRigidMass = 1000.0;
 
 /// Largest stable time step of symplectic Euler for an infinite cubic lattice: 2 h sqrt(rho / (12 mu + 4 kappa)), with
 /// the shortest edge for h. A check of the computed limit, which is lower at a free surface.
