@@ -20,7 +20,7 @@ materials:
     intensity: [50, 200]
     density_kg_m3: 1000
     youngs_modulus_pa: 5000
-    damping_per_s: 60
+    damping_ratio: 0.5
     colour: [0.9, 0.6, 0.5]
     opacity: 0.5
 lattice:

@@ -10,6 +10,8 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/scene/scene.h"
+#include "soft_volume/simulation/presets.h"
+#include "soft_volume/simulation/setting_names.h"
 #include "soft_volume/volume/volume_reader.h"
 #include "yaml_map.h"
 
@@ -20,6 +22,8 @@ constexpr double kBig = std::numeric_limits<double>::max();
 constexpr Range kFinite{-kBig, kBig};
 constexpr Range kMetres{-10.0, 10.0, "m"};
 constexpr Range kFraction{0.0, 1.0};
+/// Also what an automatic step of very stiff or very slow tissue may come to.
+constexpr Range kTimeStepRange{1e-9, 10.0, "s"};
 constexpr Range kIndex{0.0, 65535.0};
 
 /// Replaces ${NAME} by the environment variable.
@@ -89,10 +93,7 @@ Material readMaterial(YamlMap& map) {
   material.density_kg_m3 = map.number("density_kg_m3", {1.0, 30000.0, "kg/m^3"});
   material.youngs_modulus_pa = map.number("youngs_modulus_pa", {1.0, 1e12, "Pa"});
   material.poisson_ratio = map.number("poisson_ratio", {0.25, 0.49}, material.poisson_ratio);
-  if (material.poisson_ratio != 0.25) {
-    map.fail("poisson_ratio", "must be 0.25 in this version: that is the ratio of central-force springs");
-  }
-  material.damping_per_s = map.number("damping_per_s", {0.0, 1e5, "1/s"}, material.damping_per_s);
+  material.damping_ratio = map.number("damping_ratio", {0.0, 10.0}, material.damping_ratio);
   material.cut_resistance_j_m2 = map.number("cut_resistance_j_m2", {0.0, 1e6, "J/m^2"}, material.cut_resistance_j_m2);
   material.fixed = map.flag("fixed", material.fixed);
   material.colour = map.vector("colour", kFraction, Vector3::Ones()).cast<float>();
@@ -116,35 +117,73 @@ std::vector<Material> readMaterials(YamlMap& top) {
   return materials;
 }
 
+Box3 readBox(YamlMap& map) {
+  const Box3 box(map.vector("min", kMetres), map.vector("max", kMetres));
+  if (box.isEmpty())
+    map.fail("min", "must not exceed max");
+  return box;
+}
+
 LatticeSettings readLattice(YamlMap map) {
   LatticeSettings lattice;
-  lattice.spacing_m = map.number("spacing_m", {0.0002, 0.1, "m"});
+  lattice.spacing_m = map.numberOrVector("spacing_m", {0.0002, 0.1, "m"});
+  const double aspect = lattice.spacing_m.maxCoeff() / lattice.spacing_m.minCoeff();
+  if (aspect > kMaxSpacingAspect) {
+    map.fail("spacing_m", "has edges in a ratio of " + std::to_string(aspect) +
+                              ", for which no springs exist; it must " + "be at most " +
+                              std::to_string(kMaxSpacingAspect));
+  }
   lattice.stiff_fraction = map.number("stiff_fraction", kFraction, lattice.stiff_fraction);
   lattice.keep_largest_part = map.flag("keep_largest_part", lattice.keep_largest_part);
   for (YamlMap& region : map.maps("fixed_regions_m")) {
-    const Box3 box(region.vector("min", kMetres), region.vector("max", kMetres));
-    if (box.isEmpty())
-      region.fail("min", "must not exceed max");
+    lattice.fixed_regions_m.push_back(readBox(region));
     region.finish();
-    lattice.fixed_regions_m.push_back(box);
   }
   map.finish();
   return lattice;
 }
 
+template <typename Choice>
+void readChoice(YamlMap& map, const char* key, Choice& choice) {
+  choice = *choiceNamed<Choice>(map.choice(key, choiceNames<Choice>(), nameOf(choice)));
+}
+
+std::vector<SurfacePressure> readPressures(YamlMap& map) {
+  std::vector<SurfacePressure> pressures;
+  for (YamlMap& item : map.maps("pressures")) {
+    SurfacePressure pressure;
+    pressure.region_m = readBox(item);
+    pressure.pressure_pa = item.number("pressure_pa", {-1e9, 1e9, "Pa"});
+    item.finish();
+    pressures.push_back(pressure);
+  }
+  return pressures;
+}
+
+void readMethod(YamlMap& map, SimulationSettings& s) {
+  readChoice(map, "integrator", s.integrator);
+  readChoice(map, "safe_move", s.safe_move);
+  readChoice(map, "active_set", s.active_set);
+  readChoice(map, "spring_rule", s.spring_rule);
+  readChoice(map, "precision", s.precision);
+}
+
+/// The keys of the preset first, so that the others override it.
 SimulationSettings readSimulation(YamlMap map, double& max_tool_force_n) {
-  SimulationSettings settings;
-  const std::string rule = map.choice("integrator", {"symplectic_euler", "dissertation"}, "symplectic_euler");
-  settings.integrator = rule == "dissertation" ? Integrator::kDissertation : Integrator::kSymplecticEuler;
-  settings.dt_s = map.number("dt_s", {1e-6, 0.1, "s"}, settings.dt_s);
-  settings.safe_move_fraction = map.number("safe_move_fraction", {0.01, 0.5}, settings.safe_move_fraction);
-  settings.activation_radius_m = map.number("activation_radius_m", {0.0, 10.0, "m"}, settings.activation_radius_m);
-  const double lifetime_s = map.number("lifetime_s", {0.0, 3600.0, "s"}, 3.0);
-  settings.lifetime_steps =
-      static_cast<std::uint32_t>(std::max(1.0, std::min(4e9, std::round(lifetime_s / settings.dt_s))));
+  SimulationSettings s = simulationPreset(map.choice("preset", simulationPresetNames(), "balanced"));
+  readMethod(map, s);
+  s.dt_s = map.numberOrAuto("dt_s", kTimeStepRange, s.dt_s);
+  s.dt_fraction = map.number("dt_fraction", {0.01, 1.0}, s.dt_fraction);
+  s.substeps = map.flag("substeps", s.substeps);
+  s.activation_radius_m = map.number("activation_radius_m", {0.0, 10.0, "m"}, s.activation_radius_m);
+  s.activation_threshold = map.number("activation_threshold", {1e-9, 1.0}, s.activation_threshold);
+  s.lifetime_s = map.number("lifetime_s", {1e-6, 1e6, "s"}, s.lifetime_s);
+  s.error_tolerance = map.number("error_tolerance", {1e-12, 0.1}, s.error_tolerance);
+  s.gravity_m_s2 = map.vector("gravity_m_s2", {-1000.0, 1000.0, "m/s^2"}, s.gravity_m_s2);
+  s.pressures = readPressures(map);
   max_tool_force_n = map.number("max_tool_force_n", {0.001, 10000.0, "N"}, max_tool_force_n);
   map.finish();
-  return settings;
+  return s;
 }
 
 SimulationOutput readOutput(YamlMap map) {
@@ -393,7 +432,7 @@ void readToolsAndDevice(YamlMap& top, Scene& scene) {
 
 void checkFootprints(const Scene& scene, const YamlMap& top) {
   for (const ToolConfig& tool : scene.tools) {
-    if (tool.footprint_radius_m >= scene.lattice.spacing_m)
+    if (tool.footprint_radius_m >= scene.lattice.spacing_m.maxCoeff())
       continue;
     top.fail("tools", "has the tool '" + tool.id + "' with a footprint_radius_m below lattice.spacing_m: a load on " +
                           "one vertex depends on the lattice and not on the tissue; make it larger");

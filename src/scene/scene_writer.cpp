@@ -4,6 +4,7 @@
 #include <charconv>
 
 #include "soft_volume/scene/scene.h"
+#include "soft_volume/simulation/setting_names.h"
 
 namespace soft_volume::core {
 namespace {
@@ -79,7 +80,7 @@ void writeMaterial(Writer& out, const Material& m) {
     out.number("density_kg_m3", m.density_kg_m3);
     out.number("youngs_modulus_pa", m.youngs_modulus_pa);
     out.number("poisson_ratio", m.poisson_ratio);
-    out.number("damping_per_s", m.damping_per_s);
+    out.number("damping_ratio", m.damping_ratio);
     out.number("cut_resistance_j_m2", m.cut_resistance_j_m2);
     out.flag("fixed", m.fixed);
     out.colour("colour", m.colour);
@@ -87,25 +88,46 @@ void writeMaterial(Writer& out, const Material& m) {
   });
 }
 
+void writeBox(Writer& out, const Box3& box) {
+  out.vector("min", box.min());
+  out.vector("max", box.max());
+}
+
 void writeLattice(Writer& out, const LatticeSettings& lattice) {
-  out.number("spacing_m", lattice.spacing_m);
+  out.vector("spacing_m", lattice.spacing_m);
   out.number("stiff_fraction", lattice.stiff_fraction);
   out.flag("keep_largest_part", lattice.keep_largest_part);
-  out.list("fixed_regions_m", lattice.fixed_regions_m, [&out](const Box3& box) {
-    out.item([&] {
-      out.vector("min", box.min());
-      out.vector("max", box.max());
-    });
+  out.list("fixed_regions_m", lattice.fixed_regions_m,
+           [&out](const Box3& box) { out.item([&] { writeBox(out, box); }); });
+}
+
+void writePressure(Writer& out, const SurfacePressure& pressure) {
+  out.item([&] {
+    writeBox(out, pressure.region_m);
+    out.number("pressure_pa", pressure.pressure_pa);
   });
 }
 
 void writeSimulation(Writer& out, const Scene& scene) {
   const SimulationSettings& s = scene.simulation;
-  out.text("integrator", s.integrator == Integrator::kDissertation ? "dissertation" : "symplectic_euler");
-  out.number("dt_s", s.dt_s);
-  out.number("safe_move_fraction", s.safe_move_fraction);
+  out.text("integrator", nameOf(s.integrator));
+  out.text("safe_move", nameOf(s.safe_move));
+  out.text("active_set", nameOf(s.active_set));
+  out.text("spring_rule", nameOf(s.spring_rule));
+  out.text("precision", nameOf(s.precision));
+  if (s.dt_s > 0.0) {
+    out.number("dt_s", s.dt_s);
+  } else {
+    out.text("dt_s", "auto");
+  }
+  out.number("dt_fraction", s.dt_fraction);
+  out.flag("substeps", s.substeps);
   out.number("activation_radius_m", s.activation_radius_m);
-  out.number("lifetime_s", s.lifetime_steps * s.dt_s);
+  out.number("activation_threshold", s.activation_threshold);
+  out.number("lifetime_s", s.lifetime_s);
+  out.number("error_tolerance", s.error_tolerance);
+  out.vector("gravity_m_s2", s.gravity_m_s2);
+  out.list("pressures", s.pressures, [&out](const SurfacePressure& p) { writePressure(out, p); });
   out.number("max_tool_force_n", scene.max_tool_force_n);
 }
 

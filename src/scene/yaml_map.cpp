@@ -88,6 +88,20 @@ double YamlMap::number(const std::string& key, const Range& range, double fallba
   return has(key) ? number(key, range) : fallback;
 }
 
+double YamlMap::numberOrAuto(const std::string& key, const Range& range, double fallback) {
+  if (!has(key))
+    return fallback;
+  const YAML::Node node = take(key);
+  if (node.IsScalar() && node.Scalar() == "auto")
+    return 0.0;
+  try {
+    node.as<double>();
+  } catch (const YAML::Exception&) {
+    fail(key, "is neither auto nor a number; it " + describe(range));
+  }
+  return toNumber(node, key, range);
+}
+
 std::int64_t YamlMap::integer(const std::string& key, const Range& range) {
   const double value = number(key, range);
   if (value != std::floor(value))
@@ -138,6 +152,10 @@ Vector3 YamlMap::vector(const std::string& key, const Range& range) {
 
 Vector3 YamlMap::vector(const std::string& key, const Range& range, const Vector3& fallback) {
   return has(key) ? vector(key, range) : fallback;
+}
+
+Vector3 YamlMap::numberOrVector(const std::string& key, const Range& range) {
+  return has(key) && node_[key].IsSequence() ? vector(key, range) : Vector3::Constant(number(key, range));
 }
 
 Vector3i YamlMap::indices(const std::string& key, const Range& range, const Vector3i& fallback) {

@@ -30,6 +30,8 @@ class YamlMap {
 
   double number(const std::string& key, const Range& range);
   double number(const std::string& key, const Range& range, double fallback);
+  /// A number, or the word `auto`, which reads as 0.
+  double numberOrAuto(const std::string& key, const Range& range, double fallback);
   std::int64_t integer(const std::string& key, const Range& range);
   std::int64_t integer(const std::string& key, const Range& range, std::int64_t fallback);
   bool flag(const std::string& key, bool fallback);
@@ -39,6 +41,8 @@ class YamlMap {
   std::vector<double> numbers(const std::string& key, std::size_t count, const Range& range);
   Vector3 vector(const std::string& key, const Range& range);
   Vector3 vector(const std::string& key, const Range& range, const Vector3& fallback);
+  /// One number for all three components, or a list of three.
+  Vector3 numberOrVector(const std::string& key, const Range& range);
   Vector3i indices(const std::string& key, const Range& range, const Vector3i& fallback);
   /// One of the named words.
   std::string choice(const std::string& key, const std::vector<std::string>& words, const std::string& fallback);

@@ -1,7 +1,7 @@
 #include "soft_volume/session/session.h"
 
 #include <algorithm>
-#include <limits>
+#include <cmath>
 #include <utility>
 
 #include "soft_volume/common/error.h"
@@ -13,8 +13,12 @@ namespace {
 
 constexpr char kForceTopic[] = "tool/force";
 constexpr char kCutTopic[] = "tool/cut";
+constexpr char kGripTopic[] = "tool/grip";
 constexpr std::uint32_t kMaxHoldSteps = 10000;
-constexpr double kMaxFootprintRadius_m = 0.1;
+/// Of a footprint and of jaws.
+constexpr double kMaxRadius_m = 0.1;
+/// Longest time step of an implicit integrator.
+constexpr double kMaxTimeStep_s = 10.0;
 /// A tool computes on what it saw a moment ago: while it cuts, its messages are one or more revisions behind. Points
 /// and forces do not depend on the numbering, so a revision may be old if the patch that it belongs to is not.
 constexpr std::uint64_t kMaxRevisionLagSteps = 100;
@@ -27,6 +31,14 @@ std::string sequenceKey(const char* topic, const std::string& tool_id) {
 
 std::uint64_t hashText(const std::string& text) {
   return hashBytes(text.data(), text.size());
+}
+
+bool isRadius(double radius_m) {
+  return radius_m > 0.0 && radius_m <= kMaxRadius_m;
+}
+
+bool isHoldTime(std::uint32_t steps) {
+  return steps >= 1 && steps <= kMaxHoldSteps;
 }
 
 bool allFinite(const ToolCutCommand& command) {
@@ -71,6 +83,14 @@ void checkLattice(const Checkpoint& checkpoint, const Lattice& pristine, std::si
   }
 }
 
+void checkClock(const Checkpoint& checkpoint) {
+  const SimulationClock& clock = checkpoint.clock;
+  const bool counts = clock.dt_s > 0.0 && clock.dt_s <= kMaxTimeStep_s && std::isfinite(clock.since_time_s) &&
+                      clock.since_time_s >= 0.0 && clock.since_step <= checkpoint.state.step;
+  if (!counts)
+    throw InputError("the checkpoint's time or time step is out of range");
+}
+
 Lattice restoredLattice(const Lattice& current, const Checkpoint& checkpoint) {
   Lattice lattice = current;
   lattice.revision = checkpoint.revision;
@@ -107,26 +127,13 @@ Session::Session(const Scene& scene, std::shared_ptr<const Volume> volume, std::
       volume_(std::move(volume)),
       labels_(std::move(labels)),
       id_(id),
-      scene_hash_(hashText(writeScene(scene))),
       volume_hash_(volume_->hash()),
       lattice_(buildLattice(*volume_, labels_.get(), scene_.materials, scene_.lattice)),
       simulation_(lattice_, scene_.materials, scene_.simulation, threads) {
-  const double limit_s = timeStepLimit();
-  if (scene_.simulation.dt_s >= limit_s) {
-    throw SceneError("simulation.dt_s " + std::to_string(scene_.simulation.dt_s) +
-                     " s is beyond the stability limit of the stiffest movable material, " + std::to_string(limit_s) +
-                     " s: choose a smaller step, a larger lattice.spacing_m or a softer material");
-  }
-}
-
-double Session::timeStepLimit() const {
-  double limit_s = std::numeric_limits<double>::infinity();
-  for (std::size_t c = 0; c < lattice_.cellCount(); ++c) {
-    const Material& material = scene_.materials[lattice_.materials[c]];
-    if (!material.fixed)
-      limit_s = std::min(limit_s, bulkTimeStepLimit(material, scene_.lattice.spacing_m));
-  }
-  return limit_s;
+  // A bag holds the number that an automatic step came to, so that a replay cannot find another one.
+  scene_.simulation = simulation_.settings();
+  scene_hash_ = hashText(writeScene(scene_));
+  clock_.dt_s = scene_.simulation.dt_s;
 }
 
 bool Session::nearLattice(const Vector3& point_m) const {
@@ -169,10 +176,9 @@ Verdict Session::apply(const ToolForceCommand& command) {
   if (command.force_n.norm() > scene_.max_tool_force_n) {
     return {false, "a force beyond the scene's max_tool_force_n of " + std::to_string(scene_.max_tool_force_n) + " N"};
   }
-  if (!(command.footprint_radius_m > 0.0 && command.footprint_radius_m <= kMaxFootprintRadius_m)) {
+  if (!isRadius(command.footprint_radius_m))
     return {false, "a footprint radius outside (0, 0.1] m"};
-  }
-  if (command.hold_steps < 1 || command.hold_steps > kMaxHoldSteps)
+  if (!isHoldTime(command.hold_steps))
     return {false, "hold_steps outside [1, 10000]"};
   if (command.force_n.isZero(0.0)) {
     simulation_.releaseForce(command.header.tool_id);
@@ -208,6 +214,51 @@ Verdict Session::apply(const ToolCutCommand& command) {
   return {true, ""};
 }
 
+/// Why closed jaws cannot hold or move, or nothing.
+std::string Session::grip(const ToolGripCommand& command) {
+  if (!isFinite(command.point_m) || !isUsable(command.pose))
+    return "point or pose is not finite, or the orientation is no unit quaternion";
+  if (!isRadius(command.radius_m))
+    return "a grip radius outside (0, 0.1] m";
+  if (!isHoldTime(command.hold_steps))
+    return "hold_steps outside [1, 10000]";
+  if (!nearLattice(command.pose.position_m))
+    return "the jaws are far outside the lattice";
+  const std::string& tool_id = command.header.tool_id;
+  const Pose pose{command.pose.position_m, command.pose.orientation.normalized()};
+  const std::uint64_t expires_at_step = steps() + command.hold_steps;
+  if (simulation_.moveGrip(tool_id, pose, expires_at_step))
+    return "";
+  const bool holds = nearLattice(command.point_m) &&
+                     simulation_.closeGrip(tool_id, command.point_m, command.radius_m, pose, expires_at_step);
+  return holds ? "" : "no tissue that can move lies between the jaws";
+}
+
+Verdict Session::apply(const ToolGripCommand& command) {
+  std::string problem = checkHeader(kGripTopic, command.header);
+  if (problem.empty() && command.closed)
+    problem = grip(command);
+  if (!problem.empty())
+    return {false, problem};
+  if (!command.closed)
+    simulation_.releaseGrip(command.header.tool_id);
+  accept(kGripTopic, command.header);
+  return {true, ""};
+}
+
+Verdict Session::apply(const IntegratorCommand& command) {
+  if (!(command.dt_s >= 0.0 && command.dt_s <= kMaxTimeStep_s))
+    return {false, "a time step outside [0, 10] s, where 0 is automatic"};
+  try {
+    simulation_.setIntegrator(command.integrator, command.dt_s);
+  } catch (const Error& error) {
+    return {false, error.what()};
+  }
+  const double now_s = simulationTime();
+  clock_ = {steps(), now_s, simulation_.settings().dt_s};
+  return {true, ""};
+}
+
 Verdict Session::apply(const Checkpoint& checkpoint) {
   if (checkpoint.scene_hash != scene_hash_)
     return {false, "the checkpoint belongs to another scene"};
@@ -216,14 +267,19 @@ Verdict Session::apply(const Checkpoint& checkpoint) {
   const Lattice before = lattice_;
   try {
     checkLattice(checkpoint, lattice_, pristineVertices(lattice_));
+    checkClock(checkpoint);
     lattice_ = restoredLattice(lattice_, checkpoint);
-    Simulation restored(lattice_, scene_.materials, scene_.simulation, simulation_.threads());
+    SimulationSettings settings = scene_.simulation;
+    settings.integrator = checkpoint.integrator;
+    settings.dt_s = checkpoint.clock.dt_s;
+    Simulation restored(lattice_, scene_.materials, settings, simulation_.threads());
     restored.restore(checkpoint.state);
     simulation_ = std::move(restored);
-  } catch (const InputError& error) {
+  } catch (const Error& error) {
     lattice_ = before;
     return {false, error.what()};
   }
+  clock_ = checkpoint.clock;
   sequences_ = checkpoint.sequences;
   return {true, ""};
 }
@@ -266,6 +322,8 @@ Checkpoint Session::checkpoint() const {
   checkpoint.rest_stretch = lattice_.rest_stretch;
   checkpoint.origin_vertices = lattice_.origin_vertices;
   checkpoint.state = simulation_.state();
+  checkpoint.integrator = simulation_.settings().integrator;
+  checkpoint.clock = clock_;
   checkpoint.sequences = sequences_;
   return checkpoint;
 }

@@ -18,7 +18,7 @@ format: 1
 name: block
 volume: {file: not_read.mha}
 materials:
-  - {name: tissue, intensity: [50, 200], density_kg_m3: 1000, youngs_modulus_pa: 5000, damping_per_s: 20}
+  - {name: tissue, intensity: [50, 200], density_kg_m3: 1000, youngs_modulus_pa: 5000, damping_ratio: 0.2}
 lattice:
   spacing_m: 0.01
   fixed_regions_m: [{min: [-0.1, -0.1, -0.1], max: [0.2, 0.2, 0.006]}]

@@ -8,6 +8,8 @@
 
 #include "small_scene.h"
 #include "soft_volume/common/error.h"
+#include "soft_volume/simulation/presets.h"
+#include "soft_volume/simulation/setting_names.h"
 #include "soft_volume/volume/volume_reader.h"
 
 namespace soft_volume::core {
@@ -39,9 +41,13 @@ TEST(Scene, ReadsWhatIsThereAndFillsInDefaults) {
   ASSERT_EQ(scene.materials.size(), 1U);
   EXPECT_EQ(scene.materials[0].youngs_modulus_pa, 5000.0);
   EXPECT_EQ(scene.materials[0].poisson_ratio, 0.25);
+  EXPECT_EQ(scene.materials[0].damping_ratio, 0.5);
+  EXPECT_EQ(scene.lattice.spacing_m, Vector3::Constant(0.008));
   EXPECT_EQ(scene.lattice.stiff_fraction, LatticeSettings().stiff_fraction);
-  EXPECT_EQ(scene.simulation.lifetime_steps, 500U);
-  EXPECT_EQ(scene.simulation.integrator, Integrator::kSymplecticEuler);
+  EXPECT_EQ(scene.simulation.lifetime_s, 0.5);
+  EXPECT_EQ(scene.simulation.dt_s, 0.001);
+  EXPECT_EQ(scene.simulation.integrator, SimulationSettings().integrator);
+  EXPECT_EQ(scene.simulation.activation_threshold, SimulationSettings().activation_threshold);
   ASSERT_EQ(scene.tools.size(), 2U);
   EXPECT_EQ(scene.tools[1].kind, ToolKind::kScalpel);
   EXPECT_EQ(scene.tools[0].device.max_force_n, deviceLimits("touch").max_force_n);
@@ -60,6 +66,131 @@ TEST(Scene, ResolvedTextReadsBackAsTheSameScene) {
   EXPECT_EQ(camera.fx, smallScene().rendering.cameras[0].camera.fx);
   EXPECT_EQ(camera.T_volume_camera.orientation.coeffs(),
             smallScene().rendering.cameras[0].camera.T_volume_camera.orientation.coeffs());
+}
+
+/// The simulation with the keys of the small scene replaced.
+SimulationSettings simulationWith(const std::string& keys) {
+  return parseScene(replaced(smallSceneText(), "  dt_s: 0.001\n  activation_radius_m: 0.03\n  lifetime_s: 0.5\n", keys),
+                    "scene.yaml", "/data")
+      .simulation;
+}
+
+void expectEqual(const SimulationSettings& a, const SimulationSettings& b) {
+  EXPECT_EQ(a.integrator, b.integrator);
+  EXPECT_EQ(a.safe_move, b.safe_move);
+  EXPECT_EQ(a.active_set, b.active_set);
+  EXPECT_EQ(a.spring_rule, b.spring_rule);
+  EXPECT_EQ(a.precision, b.precision);
+  EXPECT_EQ(a.dt_s, b.dt_s);
+  EXPECT_EQ(a.dt_fraction, b.dt_fraction);
+  EXPECT_EQ(a.substeps, b.substeps);
+  EXPECT_EQ(a.activation_radius_m, b.activation_radius_m);
+  EXPECT_EQ(a.activation_threshold, b.activation_threshold);
+  EXPECT_EQ(a.lifetime_s, b.lifetime_s);
+  EXPECT_EQ(a.error_tolerance, b.error_tolerance);
+  EXPECT_EQ(a.gravity_m_s2, b.gravity_m_s2);
+  ASSERT_EQ(a.pressures.size(), b.pressures.size());
+  for (std::size_t n = 0; n < a.pressures.size(); ++n) {
+    EXPECT_EQ(a.pressures[n].region_m.min(), b.pressures[n].region_m.min());
+    EXPECT_EQ(a.pressures[n].region_m.max(), b.pressures[n].region_m.max());
+    EXPECT_EQ(a.pressures[n].pressure_pa, b.pressures[n].pressure_pa);
+  }
+}
+
+/// Every key with a value that is not its default.
+constexpr char kUnusualSimulation[] = R"(  integrator: backward_euler
+  safe_move: none
+  active_set: all
+  spring_rule: dissertation
+  precision: double
+  dt_s: 0.3333333333333333
+  dt_fraction: 0.7
+  substeps: true
+  activation_radius_m: 0.0123
+  activation_threshold: 0.0021
+  lifetime_s: 0.7777777777777777
+  error_tolerance: 3e-7
+  gravity_m_s2: [0.1, -9.81, 1e-3]
+  pressures:
+    - {min: [-1, -1, 0.03], max: [1, 1, 1], pressure_pa: 120.5}
+    - {min: [0, 0, 0], max: [0, 0, 0], pressure_pa: -3}
+)";
+
+TEST(Scene, ReadsEveryKeyOfTheSimulation) {
+  SimulationSettings expected;
+  expected.integrator = Integrator::kBackwardEuler;
+  expected.safe_move = SafeMove::kNone;
+  expected.active_set = ActiveSet::kAll;
+  expected.spring_rule = SpringRule::kDissertation;
+  expected.precision = Precision::kDouble;
+  expected.dt_s = 1.0 / 3.0;
+  expected.dt_fraction = 0.7;
+  expected.substeps = true;
+  expected.activation_radius_m = 0.0123;
+  expected.activation_threshold = 0.0021;
+  expected.lifetime_s = 0.7777777777777777;
+  expected.error_tolerance = 3e-7;
+  expected.gravity_m_s2 = {0.1, -9.81, 1e-3};
+  expected.pressures = {{Box3(Vector3(-1, -1, 0.03), Vector3(1, 1, 1)), 120.5},
+                        {Box3(Vector3(0, 0, 0), Vector3(0, 0, 0)), -3.0}};
+  expectEqual(simulationWith(kUnusualSimulation), expected);
+}
+
+TEST(Scene, EveryChoiceOfTheSimulationHasAName) {
+  for (const auto& named : kChoices<Integrator>)
+    EXPECT_EQ(simulationWith(std::string("  integrator: ") + named.name + "\n").integrator, named.choice);
+  for (const auto& named : kChoices<SafeMove>)
+    EXPECT_EQ(simulationWith(std::string("  safe_move: ") + named.name + "\n").safe_move, named.choice);
+  for (const auto& named : kChoices<ActiveSet>)
+    EXPECT_EQ(simulationWith(std::string("  active_set: ") + named.name + "\n").active_set, named.choice);
+  EXPECT_EQ(choiceNames<Integrator>().size(), static_cast<std::size_t>(Integrator::kQuasiStatic) + 1);
+  EXPECT_FALSE(choiceNamed<Precision>("half"));
+}
+
+TEST(Scene, ATimeStepMayBeAutomatic) {
+  EXPECT_EQ(simulationWith("  dt_s: auto\n").dt_s, 0.0);
+  EXPECT_EQ(simulationWith("  dt_fraction: 0.5\n").dt_s, 0.0);
+  const std::string text = writeScene(parseScene(replaced(smallSceneText(), "dt_s: 0.001", "dt_s: auto"), "a", "/"));
+  EXPECT_EQ(parseScene(text, "resolved", "/").simulation.dt_s, 0.0);
+}
+
+TEST(Scene, PresetsGiveWhatOtherKeysDoNot) {
+  for (const std::string& name : simulationPresetNames())
+    expectEqual(simulationWith("  preset: " + name + "\n"), simulationPreset(name));
+  expectEqual(simulationWith("  gravity_m_s2: [0, 0, 0]\n"), simulationPreset("balanced"));
+  expectEqual(simulationPreset("balanced"), SimulationSettings());
+  SimulationSettings expected = simulationPreset("reed1997");
+  expected.dt_s = 0.0005;
+  expected.active_set = ActiveSet::kAll;
+  expectEqual(simulationWith("  active_set: all\n  preset: reed1997\n  dt_s: 0.0005\n"), expected);
+  EXPECT_EQ(expected.integrator, Integrator::kDissertation);
+  EXPECT_EQ(expected.safe_move, SafeMove::kDissertation);
+  EXPECT_EQ(expected.spring_rule, SpringRule::kDissertation);
+  EXPECT_EQ(expected.precision, Precision::kDouble);
+  EXPECT_THROW(simulationPreset("quick"), SceneError);
+}
+
+TEST(Scene, EveryKeyOfTheSimulationSurvivesTheResolvedText) {
+  Scene scene = smallScene();
+  scene.simulation = simulationWith(kUnusualSimulation);
+  scene.materials[0].poisson_ratio = 0.49;
+  scene.materials[0].damping_ratio = 1.0 / 3.0;
+  scene.lattice.spacing_m = {0.008, 0.01, 0.0095};
+  const Scene again = parseScene(writeScene(scene), "resolved", "/");
+  expectEqual(again.simulation, scene.simulation);
+  EXPECT_EQ(again.materials[0].poisson_ratio, 0.49);
+  EXPECT_EQ(again.materials[0].damping_ratio, 1.0 / 3.0);
+  EXPECT_EQ(again.lattice.spacing_m, scene.lattice.spacing_m);
+}
+
+TEST(Scene, CellsMayBeBoxes) {
+  const auto spacing = [](const std::string& text) {
+    return parseScene(replaced(smallSceneText(), "spacing_m: 0.008", "spacing_m: " + text), "a", "/").lattice.spacing_m;
+  };
+  EXPECT_EQ(spacing("[0.008, 0.006, 0.01]"), Vector3(0.008, 0.006, 0.01));
+  EXPECT_EQ(spacing("[0.006, 0.006, 0.010]"), Vector3(0.006, 0.006, 0.010));
+  const std::string error = errorWith("spacing_m: 0.008", "spacing_m: [0.005, 0.005, 0.01]");
+  EXPECT_NE(error.find("scene.yaml:14: lattice.spacing_m has edges in a ratio of 2"), std::string::npos) << error;
 }
 
 TEST(Scene, ErrorsNameFileLineKeyValueAndRange) {
@@ -99,21 +230,43 @@ TEST(Scene, RejectsOneBadValuePerField) {
       {"density_kg_m3: 1000", "density_kg_m3: 0", "density_kg_m3"},
       {"youngs_modulus_pa: 5000", "youngs_modulus_pa: .nan", "youngs_modulus_pa"},
       {"youngs_modulus_pa: 5000", "youngs_modulus_pa: stiff", "youngs_modulus_pa"},
-      {"damping_per_s: 60", "damping_per_s: -1", "damping_per_s"},
-      {"damping_per_s: 60", "poisson_ratio: 0.5", "poisson_ratio"},
-      {"damping_per_s: 60", "poisson_ratio: 0.4", "poisson_ratio"},
-      {"damping_per_s: 60", "fixed: maybe", "fixed"},
-      {"damping_per_s: 60", "cut_resistance_j_m2: -1", "cut_resistance_j_m2"},
+      {"damping_ratio: 0.5", "damping_ratio: -1", "damping_ratio"},
+      {"damping_ratio: 0.5", "damping_ratio: 10.5", "damping_ratio"},
+      {"damping_ratio: 0.5", "poisson_ratio: 0.5", "poisson_ratio"},
+      {"damping_ratio: 0.5", "poisson_ratio: 0.24", "poisson_ratio"},
+      {"damping_ratio: 0.5", "fixed: maybe", "fixed"},
+      {"damping_ratio: 0.5", "cut_resistance_j_m2: -1", "cut_resistance_j_m2"},
       {"colour: [0.9, 0.6, 0.5]", "colour: [2, 0, 0]", "colour"},
       {"opacity: 0.5", "opacity: 1.5", "opacity"},
       {"spacing_m: 0.008", "spacing_m: 0.008\n  stiff_fraction: 2", "stiff_fraction"},
       {"spacing_m: 0.008", "spacing_m: 0.008\n  keep_largest_part: 7", "keep_largest_part"},
       {"max: [1, 1, 0.001]", "max: [-2, 1, 0.001]", "fixed_regions_m[0]"},
+      {"spacing_m: 0.008", "spacing_m: [0.008, 0.008]", "lattice.spacing_m"},
+      {"spacing_m: 0.008", "spacing_m: [0.008, 0.008, 1]", "lattice.spacing_m"},
+      {"spacing_m: 0.008", "spacing_m: [0.008, 0.008, 0.02]", "lattice.spacing_m"},
+      {"dt_s: 0.001", "preset: quick", "simulation.preset"},
       {"dt_s: 0.001", "dt_s: 0", "simulation.dt_s"},
+      {"dt_s: 0.001", "dt_s: 11", "simulation.dt_s"},
+      {"dt_s: 0.001", "dt_s: soon", "simulation.dt_s is neither auto nor a number"},
+      {"dt_s: 0.001", "dt_s: [0.001]", "simulation.dt_s"},
+      {"dt_s: 0.001", "dt_fraction: 1.1", "simulation.dt_fraction"},
+      {"dt_s: 0.001", "substeps: 4", "simulation.substeps"},
       {"dt_s: 0.001", "integrator: magic", "simulation.integrator"},
-      {"dt_s: 0.001", "safe_move_fraction: 0.9", "simulation.safe_move_fraction"},
+      {"dt_s: 0.001", "safe_move: magic", "simulation.safe_move"},
+      {"dt_s: 0.001", "active_set: magic", "simulation.active_set"},
+      {"dt_s: 0.001", "spring_rule: magic", "simulation.spring_rule"},
+      {"dt_s: 0.001", "precision: half", "simulation.precision"},
+      {"dt_s: 0.001", "safe_move_fraction: 0.4", "unknown key simulation.safe_move_fraction"},
+      {"dt_s: 0.001", "activation_threshold: 0", "simulation.activation_threshold"},
+      {"dt_s: 0.001", "error_tolerance: 1", "simulation.error_tolerance"},
+      {"dt_s: 0.001", "gravity_m_s2: -9.81", "simulation.gravity_m_s2"},
+      {"dt_s: 0.001", "gravity_m_s2: [0, 0, -9810]", "simulation.gravity_m_s2"},
+      {"dt_s: 0.001", "pressures: [{min: [0, 0, 0], max: [1, 1, 1]}]", "simulation.pressures[0].pressure_pa"},
+      {"dt_s: 0.001", "pressures: [{min: [0, 0, 0], max: [1, 1, 1], pressure_pa: .inf}]", "pressures[0].pressure_pa"},
+      {"dt_s: 0.001", "pressures: [{min: [0, 0, 0], max: [1, 1, -1], pressure_pa: 1}]", "simulation.pressures[0].min"},
       {"activation_radius_m: 0.03", "activation_radius_m: -1", "simulation.activation_radius_m"},
       {"lifetime_s: 0.5", "lifetime_s: -1", "simulation.lifetime_s"},
+      {"lifetime_s: 0.5", "lifetime_s: for ever", "simulation.lifetime_s"},
       {"lifetime_s: 0.5", "max_tool_force_n: 0", "simulation.max_tool_force_n"},
       {"rendering:", "incision: {rest_fraction: 0.1}\nrendering:", "incision.rest_fraction"},
       {"rendering:", "output: {state_rate_hz: 0}\nrendering:", "output.state_rate_hz"},

@@ -31,6 +31,18 @@ ToolForceCommand push(const Session& session, std::uint64_t sequence) {
   return command;
 }
 
+/// Jaws that close on the middle of the top and lift by `lift_m`.
+ToolGripCommand grasp(const Session& session, std::uint64_t sequence, double lift_m = 0.0) {
+  ToolGripCommand command;
+  command.header = push(session, sequence).header;
+  command.hold_steps = 20;
+  command.closed = true;
+  command.point_m = kTop;
+  command.radius_m = 0.009;
+  command.pose.position_m = kTop + Vector3(0, 0, lift_m);
+  return command;
+}
+
 /// A vertical blade that sweeps through the middle of the block.
 ToolCutCommand slice(const Session& session, std::uint64_t sequence) {
   ToolCutCommand command;
@@ -165,24 +177,36 @@ TEST(Session, ContinuesBitExactlyFromACheckpointThroughACut) {
     whole->apply(push(*whole, n + 1));
     if (n == 60)
       whole->apply(slice(*whole, 1));
+    if (n == 80) {
+      ASSERT_TRUE(whole->apply(IntegratorCommand{Integrator::kRungeKutta4, 0.0005}).applied);
+    }
+    if (n >= 100) {
+      ASSERT_TRUE(whole->apply(grasp(*whole, n + 1, 0.0001 * double(n - 100))).applied);
+    }
     whole->step();
   }
   auto continued = std::make_unique<Session>(smallScene(), smallVolume(), nullptr, kId, 1);
   ASSERT_TRUE(continued->apply(whole->checkpoint()).applied);
   EXPECT_EQ(continued->steps(), 120U);
   EXPECT_EQ(continued->lattice().revision, whole->lattice().revision);
+  EXPECT_EQ(continued->timeStep(), 0.0005);
+  EXPECT_EQ(continued->simulation().settings().integrator, Integrator::kRungeKutta4);
   for (std::uint64_t n = 120; n < 240; ++n) {
     for (Session* session : {whole.get(), continued.get()}) {
       EXPECT_TRUE(session->apply(push(*session, n + 1)).applied);
       session->step();
     }
     ASSERT_EQ(whole->simulation().stateHash(), continued->simulation().stateHash()) << n;
+    ASSERT_EQ(whole->simulationTime(), continued->simulationTime());
   }
+  EXPECT_TRUE(whole->simulation().state().grips.empty());
 }
 
 TEST(Session, RefusesCheckpointsThatDoNotFit) {
   const auto session = makeSession();
   session->apply(slice(*session, 1));
+  ASSERT_TRUE(session->apply(push(*session, 1)).applied);
+  ASSERT_TRUE(session->apply(grasp(*session, 1)).applied);
   const Checkpoint good = session->checkpoint();
   const std::uint64_t before = session->simulation().stateHash();
   const auto refuses = [&](const auto& damage) {
@@ -203,9 +227,25 @@ TEST(Session, RefusesCheckpointsThatDoNotFit) {
   refuses([](Checkpoint& c) { c.rest_stretch[0].x() = NAN; });
   refuses([](Checkpoint& c) { c.origin_vertices.back() = 100000; });
   refuses([](Checkpoint& c) { c.origin_vertices[0] = 1; });
-  refuses([](Checkpoint& c) { c.state.positions_m.pop_back(); });
-  refuses([](Checkpoint& c) { c.state.positions_m[0].x() = NAN; });
+  refuses([](Checkpoint& c) { c.state.displacements_m.pop_back(); });
+  refuses([](Checkpoint& c) { c.state.displacements_m[0].x() = NAN; });
+  refuses([](Checkpoint& c) { c.state.displacements_m[0].x() = 1e38; });
+  refuses([](Checkpoint& c) { c.state.velocities_m_s.pop_back(); });
+  refuses([](Checkpoint& c) { c.state.velocities_m_s[0].z() = INFINITY; });
   refuses([](Checkpoint& c) { c.state.lifetimes.clear(); });
+  refuses([](Checkpoint& c) { c.state.forces.at("probe").vertices.back() = 100000; });
+  refuses([](Checkpoint& c) { c.state.forces.at("probe").weights.pop_back(); });
+  refuses([](Checkpoint& c) { c.state.forces.at("probe").weights[0] = NAN; });
+  refuses([](Checkpoint& c) { c.state.forces.at("probe").force_n.x() = NAN; });
+  refuses([](Checkpoint& c) { c.state.grips.at("probe").vertices.back() = 100000; });
+  refuses([](Checkpoint& c) { c.state.grips.at("probe").anchors_m.pop_back(); });
+  refuses([](Checkpoint& c) { c.state.grips.at("probe").anchors_m[0].y() = NAN; });
+  refuses([](Checkpoint& c) { c.state.grips.at("probe").pose.position_m.y() = NAN; });
+  refuses([](Checkpoint& c) { c.state.grips.at("probe").pose.orientation.coeffs().setZero(); });
+  refuses([](Checkpoint& c) { c.clock.dt_s = 0.0; });
+  refuses([](Checkpoint& c) { c.clock.dt_s = NAN; });
+  refuses([](Checkpoint& c) { c.clock.since_time_s = INFINITY; });
+  refuses([](Checkpoint& c) { c.clock.since_step = c.state.step + 1; });
 }
 
 TEST(Session, PatchHoldsWholeCellsAroundTheTool) {
@@ -223,10 +263,173 @@ TEST(Session, PatchHoldsWholeCellsAroundTheTool) {
   EXPECT_TRUE(session->patch("probe", Vector3(9, 9, 9), 0.01).cell_ids.empty());
 }
 
-TEST(Session, RefusesATimeStepBeyondTheLimit) {
+TEST(Session, RefusesATimeStepBeyondTheLimitAndNamesIt) {
   Scene scene = smallScene();
-  scene.simulation.dt_s = 0.05;
-  EXPECT_THROW(Session(scene, smallVolume(), nullptr, 1, 1), SceneError);
+  const double limit_s = makeSession()->timeStepLimit();
+  EXPECT_GT(limit_s, 0.001);
+  EXPECT_LT(limit_s, 0.004);  // 0.88 h sqrt(rho / E) = 3.1 ms in the bulk
+  scene.simulation.dt_s = 1.01 * limit_s;
+  try {
+    Session(scene, smallVolume(), nullptr, 1, 1);
+    ADD_FAILURE() << "accepted";
+  } catch (const SceneError& error) {
+    EXPECT_NE(std::string(error.what()).find("stability limit"), std::string::npos) << error.what();
+  }
+  scene.simulation.substeps = true;
+  EXPECT_GT(Session(scene, smallVolume(), nullptr, 1, 1).simulation().substeps(), 1);
+  scene.simulation.substeps = false;
+  scene.simulation.dt_s = 0.95 * limit_s;
+  EXPECT_EQ(Session(scene, smallVolume(), nullptr, 1, 1).simulation().substeps(), 1);
+}
+
+/// A replay gets the number from the recorded scene, so both must be the same scene.
+TEST(Session, AnAutomaticTimeStepBecomesANumberOfTheScene) {
+  Scene scene = smallScene();
+  scene.simulation.dt_s = 0.0;
+  const Session live(scene, smallVolume(), nullptr, 1, 1);
+  EXPECT_GT(live.timeStep(), 0.9 * scene.simulation.dt_fraction * live.timeStepLimit());
+  EXPECT_LT(live.timeStep(), 1.1 * scene.simulation.dt_fraction * live.timeStepLimit());
+  EXPECT_EQ(live.scene().simulation.dt_s, live.timeStep());
+  const Session replayed(parseScene(writeScene(live.scene()), "resolved", "/"), smallVolume(), nullptr, 1, 1);
+  EXPECT_EQ(replayed.timeStep(), live.timeStep());
+  EXPECT_EQ(replayed.sceneHash(), live.sceneHash());
+}
+
+TEST(Session, TheIntegratorCanBeChangedAndTimeGoesOn) {
+  const auto session = makeSession();
+  const Scene before = session->scene();
+  for (std::uint64_t n = 0; n < 100; ++n) {
+    session->apply(push(*session, n + 1));
+    session->step();
+  }
+  EXPECT_DOUBLE_EQ(session->simulationTime(), 0.1);
+  const std::uint64_t hash = session->simulation().stateHash();
+  ASSERT_TRUE(session->apply(IntegratorCommand{Integrator::kBackwardEuler, 0.01}).applied);
+  EXPECT_EQ(session->simulation().stateHash(), hash);
+  EXPECT_EQ(session->timeStep(), 0.01);
+  EXPECT_DOUBLE_EQ(session->simulationTime(), 0.1);
+  for (int n = 0; n < 10; ++n)
+    session->step();
+  EXPECT_DOUBLE_EQ(session->simulationTime(), 0.2);
+  EXPECT_NE(session->simulation().stateHash(), hash);
+  EXPECT_GT(session->simulation().stats().solver_iterations, 0U);
+  ASSERT_TRUE(session->apply(IntegratorCommand{Integrator::kSymplecticEuler, 0.0}).applied);
+  EXPECT_LT(session->timeStep(), session->timeStepLimit());
+  EXPECT_EQ(writeScene(session->scene()), writeScene(before));
+}
+
+TEST(Session, RefusesIntegratorsThatItCannotUse) {
+  const auto session = makeSession();
+  const double limit_s = session->timeStepLimit();
+  for (const double dt_s : {double(NAN), double(INFINITY), -0.001, 11.0, 2.0 * limit_s}) {
+    const Verdict verdict = session->apply(IntegratorCommand{Integrator::kSymplecticEuler, dt_s});
+    EXPECT_FALSE(verdict.applied) << dt_s;
+    EXPECT_FALSE(verdict.reason.empty());
+    EXPECT_EQ(session->timeStep(), 0.001);
+    EXPECT_EQ(session->simulation().settings().dt_s, 0.001);
+    EXPECT_EQ(session->simulation().settings().integrator, Integrator::kSymplecticEuler);
+  }
+  EXPECT_TRUE(session->apply(IntegratorCommand{Integrator::kBackwardEuler, 2.0 * limit_s}).applied);
+}
+
+/// Highest place of the vertices that a tool holds.
+double gripHeight(const Session& session) {
+  double height_m = -1.0;
+  for (const std::uint32_t v : session.simulation().state().grips.at("probe").vertices)
+    height_m = std::max(height_m, session.simulation().positions()[v].z());
+  return height_m;
+}
+
+TEST(Session, JawsLiftTissueUntilTheyOpen) {
+  const auto session = makeSession();
+  std::uint64_t sequence = 0;
+  ASSERT_TRUE(session->apply(grasp(*session, ++sequence)).applied);
+  const double before_m = gripHeight(*session);
+  for (int n = 0; n < 300; ++n) {
+    const Verdict verdict = session->apply(grasp(*session, ++sequence, 0.006 * std::min(1.0, n / 200.0)));
+    ASSERT_TRUE(verdict.applied) << verdict.reason;
+    session->step();
+  }
+  EXPECT_NEAR(gripHeight(*session), before_m + 0.006, 1e-4);
+  EXPECT_LT(session->simulation().stats().grip_lag_m, 1e-4);
+  ToolGripCommand open = grasp(*session, ++sequence);
+  open.closed = false;
+  open.radius_m = 0.0;
+  EXPECT_TRUE(session->apply(open).applied);
+  EXPECT_TRUE(session->simulation().state().grips.empty());
+  for (int n = 0; n < 1500; ++n)
+    session->step();
+  EXPECT_LT(session->simulation().maxDisplacement(), 1e-4);
+}
+
+TEST(Session, JawsFollowTheTurnOfTheirPoseAndDriversMayRound) {
+  const auto session = makeSession();
+  ToolGripCommand command = grasp(*session, 1);
+  command.hold_steps = 1000;
+  ASSERT_TRUE(session->apply(command).applied);
+  const auto held = session->simulation().state().grips.at("probe").vertices;
+  std::vector<Vector3> before;
+  for (const std::uint32_t v : held)
+    before.push_back(session->simulation().positions()[v]);
+  const Quaternion turn(Eigen::AngleAxisd(0.2, Vector3::UnitZ()));
+  command.header.sequence = 2;
+  command.pose.orientation = turn;
+  command.pose.orientation.coeffs() *= 1.004;
+  ASSERT_TRUE(session->apply(command).applied);
+  for (int n = 0; n < 400; ++n)
+    session->step();
+  for (std::size_t n = 0; n < held.size(); ++n) {
+    const Vector3 wanted = kTop + turn * (before[n] - kTop);
+    EXPECT_LT((session->simulation().positions()[held[n]] - wanted).norm(), 1e-4);
+  }
+}
+
+TEST(Session, ADeadGripOpens) {
+  const auto session = makeSession();
+  session->apply(grasp(*session, 1));
+  for (int n = 0; n < 20; ++n)
+    session->step();
+  EXPECT_EQ(session->simulation().state().grips.size(), 1U);
+  session->step();
+  EXPECT_TRUE(session->simulation().state().grips.empty());
+}
+
+TEST(Session, RefusesGripsThatItCannotUse) {
+  const auto session = makeSession();
+  const auto refuses = [&](const char* reason, const auto& damage) {
+    const std::uint64_t before = session->simulation().stateHash();
+    const std::size_t grips = session->simulation().state().grips.size();
+    ToolGripCommand command = grasp(*session, 1000);
+    damage(command);
+    const Verdict verdict = session->apply(command);
+    EXPECT_FALSE(verdict.applied) << reason;
+    EXPECT_NE(verdict.reason.find(reason), std::string::npos) << verdict.reason;
+    EXPECT_EQ(session->simulation().stateHash(), before);
+    ASSERT_EQ(session->simulation().state().grips.size(), grips);
+    if (grips > 0) {
+      EXPECT_EQ(session->simulation().state().grips.at("probe").pose.position_m, kTop);
+    }
+  };
+  const auto refusesAll = [&] {
+    refuses("another session", [](ToolGripCommand& c) { c.header.session = 0; });
+    refuses("another session", [](ToolGripCommand& c) { c.header.session = 0, c.closed = false; });
+    refuses("revision 9", [](ToolGripCommand& c) { c.header.revision = 9; });
+    refuses("no tool 'spoon'", [](ToolGripCommand& c) { c.header.tool_id = "spoon"; });
+    refuses("not finite", [](ToolGripCommand& c) { c.point_m.x() = NAN; });
+    refuses("not finite", [](ToolGripCommand& c) { c.pose.position_m.x() = INFINITY; });
+    refuses("unit quaternion", [](ToolGripCommand& c) { c.pose.orientation.coeffs().setZero(); });
+    refuses("unit quaternion", [](ToolGripCommand& c) { c.pose.orientation.w() = NAN; });
+    refuses("far outside", [](ToolGripCommand& c) { c.pose.position_m.x() = 1e38; });
+    refuses("grip radius", [](ToolGripCommand& c) { c.radius_m = 0.0; });
+    refuses("grip radius", [](ToolGripCommand& c) { c.radius_m = NAN; });
+    refuses("hold_steps", [](ToolGripCommand& c) { c.hold_steps = 0; });
+  };
+  refusesAll();
+  refuses("between the jaws", [](ToolGripCommand& c) { c.point_m.z() = 0.06; });
+  refuses("between the jaws", [](ToolGripCommand& c) { c.point_m.z() = 1e38; });
+  ASSERT_TRUE(session->apply(grasp(*session, 10)).applied);
+  refusesAll();
+  refuses("not newer", [](ToolGripCommand& c) { c.header.sequence = 10; });
 }
 
 }  // namespace

@@ -22,6 +22,21 @@ struct Verdict {
   std::string reason;  ///< why it was refused; empty when it was applied
 };
 
+/// Another integrator from now on.
+struct IntegratorCommand {
+  Integrator integrator = Integrator::kSymplecticEuler;
+  double dt_s = 0.0;  ///< 0: automatic
+};
+
+/// Simulated time as a function of the step. The time step may change during a run; time goes on.
+struct SimulationClock {
+  std::uint64_t since_step = 0;  ///< step from which on `dt_s` counts
+  double since_time_s = 0.0;     ///< simulated time at that step
+  double dt_s = 0.0;
+
+  double at(std::uint64_t step) const { return since_time_s + static_cast<double>(step - since_step) * dt_s; }
+};
+
 /// All that a bit-exact continuation needs together with scene and volume; mirrors the message SimulationCheckpoint.
 struct Checkpoint {
   std::uint64_t session = 0;
@@ -35,6 +50,8 @@ struct Checkpoint {
   std::vector<Vector3> rest_stretch;
   std::vector<std::uint32_t> origin_vertices;
   SimulationState state;
+  Integrator integrator = Integrator::kSymplecticEuler;
+  SimulationClock clock;
   std::map<std::string, std::uint64_t> sequences;  ///< last sequence number accepted, by "topic tool_id"
 };
 
@@ -44,7 +61,8 @@ struct Checkpoint {
 /// An input that cannot be used is refused with a reason and leaves the state as it was. Not thread-safe.
 class Session {
  public:
-  /// Builds the lattice. `labels` may be null. `id` is not 0. Throws SceneError when scene and volume do not fit.
+  /// Builds the lattice and finds the time step where the scene leaves it open. `labels` may be null. `id` is not 0.
+  /// Throws SceneError when scene and volume do not fit, or for a time step beyond the stability limit.
   Session(const Scene& scene, std::shared_ptr<const Volume> volume, std::shared_ptr<const Volume> labels,
           std::uint64_t id, int threads);
   Session(const Session&) = delete;
@@ -56,6 +74,11 @@ class Session {
   Verdict apply(const ToolForceCommand& command);
   /// Refused for the same reasons. A cut that meets no tissue is applied and changes nothing.
   Verdict apply(const ToolCutCommand& command);
+  /// Closes the tool's jaws at the first message, moves them at those that follow, and opens them. Refused for the same
+  /// reasons.
+  Verdict apply(const ToolGripCommand& command);
+  /// Refused when the step is beyond the integrator's stability limit.
+  Verdict apply(const IntegratorCommand& command);
   /// Continues where the checkpoint was taken, in this session; meant for a session that has done no step yet, because
   /// step and revision become those of the checkpoint. Refused when it was taken from another scene or volume, or does
   /// not hold together.
@@ -65,7 +88,9 @@ class Session {
 
   std::uint64_t id() const { return id_; }
   std::uint64_t steps() const { return simulation_.state().step; }
-  double simulationTime() const { return static_cast<double>(steps()) * scene_.simulation.dt_s; }
+  double simulationTime() const { return clock_.at(steps()); }
+  double timeStep() const { return clock_.dt_s; }
+  /// As it was at the start, with the time step resolved; what changed since is in simulation().settings().
   const Scene& scene() const { return scene_; }
   const std::shared_ptr<const Volume>& volume() const { return volume_; }
   const std::shared_ptr<const Volume>& labels() const { return labels_; }
@@ -79,22 +104,25 @@ class Session {
   GridPatch patch(const std::string& tool_id, const Vector3& point_m, double radius_m) const;
   Checkpoint checkpoint() const;
   double cutOpening() const { return core::cutOpening(lattice_, simulation_.positions()); }
-  /// Smallest stability limit among the materials in the lattice that can move, seconds.
-  double timeStepLimit() const;
+  /// Largest stable time step of the explicit integrators, seconds; infinite when nothing can move.
+  double timeStepLimit() const { return simulation_.stabilityLimit(); }
 
  private:
   std::string checkHeader(const char* topic, const ToolCommandHeader& header) const;
   void accept(const char* topic, const ToolCommandHeader& header);
   bool nearLattice(const Vector3& point_m) const;
 
+  std::string grip(const ToolGripCommand& command);
+
   Scene scene_;
   std::shared_ptr<const Volume> volume_;
   std::shared_ptr<const Volume> labels_;
   std::uint64_t id_;
-  std::uint64_t scene_hash_;
   std::uint64_t volume_hash_;
   Lattice lattice_;
   Simulation simulation_;
+  SimulationClock clock_;
+  std::uint64_t scene_hash_;  ///< of the scene with its time step resolved
   std::map<std::string, std::uint64_t> sequences_;
 };
 

@@ -38,4 +38,14 @@ struct ToolCutCommand {
   std::vector<SweptQuad> quads;
 };
 
+/// Jaws that hold tissue and move it; volume frame.
+struct ToolGripCommand {
+  ToolCommandHeader header;
+  std::uint32_t hold_steps = 0;
+  bool closed = false;
+  Vector3 point_m = Vector3::Zero();  ///< where they close, on the deformed tissue
+  double radius_m = 0.0;
+  Pose pose;  ///< of the jaws; what they hold follows its change since they closed
+};
+
 }  // namespace soft_volume::core
