@@ -4,10 +4,10 @@ find_package(catkin REQUIRED COMPONENTS
   rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools)
 
 add_message_files(DIRECTORY msg FILES
-  GridPatch.msg GridState.msg GridTopology.msg HeldForce.msg JournalEntry.msg RecorderStatus.msg RenderStats.msg
-  Scene.msg SimulationCheckpoint.msg SimulationJournal.msg SimulationStats.msg ToolCut.msg ToolForce.msg ToolGrip.msg
-  ToolState.msg Volume.msg)
-add_service_files(DIRECTORY srv FILES RestoreCheckpoint.srv SaveCheckpoint.srv StepSimulation.srv)
+  GridPatch.msg GridState.msg GridTopology.msg HeldForce.msg HeldGrip.msg JournalEntry.msg RecorderStatus.msg
+  RenderStats.msg Scene.msg SimulationCheckpoint.msg SimulationControl.msg SimulationJournal.msg SimulationStats.msg
+  ToolCut.msg ToolForce.msg ToolGrip.msg ToolState.msg Volume.msg)
+add_service_files(DIRECTORY srv FILES RestoreCheckpoint.srv SaveCheckpoint.srv SetIntegrator.srv StepSimulation.srv)
 generate_messages(DEPENDENCIES geometry_msgs std_msgs)
 
 catkin_package(

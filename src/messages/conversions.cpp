@@ -7,6 +7,8 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
+#include "soft_volume/simulation/kernel.h"
+#include "soft_volume/simulation/setting_names.h"
 
 #ifndef SOFT_VOLUME_VERSION
 #error "the build defines SOFT_VOLUME_VERSION"
@@ -101,6 +103,34 @@ core::HeldForce fromMessage(const HeldForce& message) {
   held.vertices = message.vertices;
   held.weights = message.weights;
   return held;
+}
+
+HeldGrip toMessage(const std::string& tool_id, const core::HeldGrip& held) {
+  HeldGrip message;
+  message.tool_id = tool_id;
+  message.pose = toPose(held.pose);
+  message.expires_at_step = held.expires_at_step;
+  message.vertices = held.vertices;
+  message.anchors = flatten(held.anchors_m);
+  return message;
+}
+
+core::HeldGrip fromMessage(const HeldGrip& message) {
+  core::HeldGrip held;
+  held.pose = fromPose(message.pose);
+  held.expires_at_step = message.expires_at_step;
+  held.vertices = message.vertices;
+  held.anchors_m = unflatten(message.anchors, "anchors");
+  return held;
+}
+
+core::Integrator integratorNamed(const std::string& name) {
+  if (const auto integrator = core::choiceNamed<core::Integrator>(name))
+    return *integrator;
+  std::string list;
+  for (const std::string& known : core::choiceNames<core::Integrator>())
+    list += (list.empty() ? "" : ", ") + known;
+  throw core::InputError("there is no integrator '" + name + "'; it must be one of: " + list);
 }
 
 /// Rows of N numbers as the message keeps them: one after the other.
@@ -224,8 +254,8 @@ Scene sceneMessage(const core::Session& session) {
   message.volume_hash = session.volumeHash();
   message.label_hash = session.labels() ? session.labels()->hash() : 0;
   message.package_version = SOFT_VOLUME_VERSION;
-  message.kernel = "scalar";
-  message.precision = "double";
+  message.kernel = core::kernelName();
+  message.precision = core::nameOf(session.scene().simulation.precision);
   return message;
 }
 
@@ -381,6 +411,65 @@ core::ToolCutCommand fromMessage(const ToolCut& message) {
   return command;
 }
 
+ToolGrip toMessage(const core::ToolGripCommand& command) {
+  ToolGrip message;
+  setCommandHeader(command.header, message);
+  message.hold_steps = command.hold_steps;
+  message.closed = static_cast<std::uint8_t>(command.closed);
+  message.point = toPoint(command.point_m);
+  message.radius = command.radius_m;
+  message.pose = toPose(command.pose);
+  return message;
+}
+
+core::ToolGripCommand fromMessage(const ToolGrip& message) {
+  core::ToolGripCommand command;
+  command.header = commandHeader(message);
+  command.hold_steps = message.hold_steps;
+  command.closed = message.closed != 0;
+  command.point_m = fromPoint(message.point);
+  command.radius_m = message.radius;
+  command.pose = fromPose(message.pose);
+  return command;
+}
+
+core::IntegratorCommand fromMessage(const SimulationControl& message) {
+  return {integratorNamed(message.integrator), message.dt};
+}
+
+SimulationStats statsMessage(const core::Session& session) {
+  const core::Simulation& simulation = session.simulation();
+  const core::SimulationSettings& settings = simulation.settings();
+  const core::SimulationStats stats = simulation.stats();
+  SimulationStats message;
+  message.session = session.id();
+  message.revision = session.lattice().revision;
+  message.step = session.steps();
+  message.dt = session.timeStep();
+  message.dt_limit = session.timeStepLimit();
+  message.substeps = static_cast<std::uint32_t>(simulation.substeps());
+  message.integrator = core::nameOf(settings.integrator);
+  message.precision = core::nameOf(settings.precision);
+  message.transients_physical = static_cast<std::uint8_t>(settings.integrator != core::Integrator::kQuasiStatic);
+  message.simulation_time = session.simulationTime();
+  message.cells = static_cast<std::uint32_t>(session.lattice().cellCount());
+  message.vertices = static_cast<std::uint32_t>(session.lattice().vertexCount());
+  message.active_cells = stats.active_cells;
+  message.active_vertices = stats.active_vertices;
+  message.threads = static_cast<std::uint32_t>(simulation.threads());
+  message.max_displacement = simulation.maxDisplacement();
+  message.max_speed = simulation.maxSpeed();
+  message.cut_opening = session.cutOpening();
+  message.frontier_error = stats.frontier_error_m;
+  message.grip_lag = stats.grip_lag_m;
+  message.limited_moves = stats.limited_moves;
+  message.guard_fallbacks = stats.guard_fallbacks;
+  message.saturated_forces = stats.saturated_forces;
+  message.rejected_steps = stats.rejected_steps;
+  message.solver_iterations = stats.solver_iterations;
+  return message;
+}
+
 SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpoint& checkpoint) {
   SimulationCheckpoint message;
   message.session = checkpoint.session;
@@ -390,11 +479,17 @@ SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpo
   message.volume_hash = checkpoint.volume_hash;
   message.topology = topologyMessage(session);
   message.rest_stretch = flatten(checkpoint.rest_stretch);
-  message.positions = flatten(checkpoint.state.positions_m);
+  message.displacements = flatten(checkpoint.state.displacements_m);
   message.velocities = flatten(checkpoint.state.velocities_m_s);
   message.lifetimes = checkpoint.state.lifetimes;
   for (const auto& force : checkpoint.state.forces)
     message.forces.push_back(toMessage(force.first, force.second));
+  for (const auto& grip : checkpoint.state.grips)
+    message.grips.push_back(toMessage(grip.first, grip.second));
+  message.integrator = core::nameOf(checkpoint.integrator);
+  message.dt = checkpoint.clock.dt_s;
+  message.dt_since_step = checkpoint.clock.since_step;
+  message.dt_since_time = checkpoint.clock.since_time_s;
   for (const auto& sequence : checkpoint.sequences) {
     message.sequence_tools.push_back(sequence.first);
     message.sequences.push_back(sequence.second);
@@ -415,11 +510,15 @@ core::Checkpoint fromMessage(const SimulationCheckpoint& message) {
   checkpoint.origin_vertices = message.topology.origin_vertices;
   checkpoint.rest_stretch = unflatten(message.rest_stretch, "rest_stretch");
   checkpoint.state.step = message.step;
-  checkpoint.state.positions_m = unflatten(message.positions, "positions");
+  checkpoint.state.displacements_m = unflatten(message.displacements, "displacements");
   checkpoint.state.velocities_m_s = unflatten(message.velocities, "velocities");
   checkpoint.state.lifetimes = message.lifetimes;
   for (const HeldForce& force : message.forces)
     checkpoint.state.forces[force.tool_id] = fromMessage(force);
+  for (const HeldGrip& grip : message.grips)
+    checkpoint.state.grips[grip.tool_id] = fromMessage(grip);
+  checkpoint.integrator = integratorNamed(message.integrator);
+  checkpoint.clock = {message.dt_since_step, message.dt_since_time, message.dt};
   if (message.sequence_tools.size() != message.sequences.size()) {
     throw core::InputError("the checkpoint's sequence numbers do not fit their tools");
   }

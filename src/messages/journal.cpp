@@ -55,8 +55,11 @@ const JournalEntry& Journal::apply(const ToolCut& message) {
 }
 
 const JournalEntry& Journal::apply(const ToolGrip& message) {
-  const core::Verdict verdict{false, "this version does not grip; only tool/force and tool/cut act on the tissue"};
-  return addInput(makeEntry(topics::kToolGrip, message, message.sequence), verdict);
+  return addInput(makeEntry(topics::kToolGrip, message, message.sequence), applyMessage(*session_, message));
+}
+
+const JournalEntry& Journal::apply(const SimulationControl& message) {
+  return addInput(makeEntry(topics::kSetIntegrator, message, 0), applyMessage(*session_, message));
 }
 
 const JournalEntry& Journal::apply(const SimulationCheckpoint& message) {
@@ -84,6 +87,8 @@ const JournalEntry& Journal::reapply(const JournalEntry& recorded) {
     return apply(fromPayload<ToolCut>(recorded.payload));
   if (recorded.topic == topics::kToolGrip)
     return apply(fromPayload<ToolGrip>(recorded.payload));
+  if (recorded.topic == topics::kSetIntegrator)
+    return apply(fromPayload<SimulationControl>(recorded.payload));
   if (recorded.topic == topics::kRestoreCheckpoint)
     return apply(fromPayload<SimulationCheckpoint>(recorded.payload));
   throw core::InputError("the journal holds an input from '" + recorded.topic + "', which this version does not know");

@@ -88,6 +88,15 @@ bool isImage(const rosbag::ConnectionInfo& connection) {
          connection.topic.compare(connection.topic.size() - ending.size(), ending.size(), ending) == 0;
 }
 
+/// Without its right name a message would be left out in silence.
+bool isOursByDefinition(const rosbag::ConnectionInfo& connection) {
+  const auto& types = knownTypes();
+  return std::any_of(types.begin(), types.end(), [&connection](const auto& type) {
+    const bool ours = type.second.list != nullptr || type.second.is_input;
+    return ours && type.second.md5sum == connection.md5sum;
+  });
+}
+
 bool isRead(const rosbag::ConnectionInfo* connection) {
   const auto type = knownTypes().find(connection->datatype);
   if (type == knownTypes().end())
@@ -138,6 +147,10 @@ void BagContents::checkConnections() {
   rosbag::View all(bag_);
   for (const rosbag::ConnectionInfo* connection : all.getConnections()) {
     const auto type = knownTypes().find(connection->datatype);
+    if (type == knownTypes().end() && isOursByDefinition(*connection)) {
+      throw ReplayError("the bag is damaged: the messages of '" + connection->topic + "' are named " +
+                        connection->datatype + ", which their definition is not");
+    }
     if (type != knownTypes().end() && type->second.md5sum != connection->md5sum) {
       throw ReplayError("the bag was recorded by another version: the messages of '" + connection->topic + "' (" +
                         connection->datatype +

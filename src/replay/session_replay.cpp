@@ -81,11 +81,16 @@ std::string differentField(const SimulationCheckpoint& recorded, const Simulatio
       .field("scene_hash", &C::scene_hash)
       .field("volume_hash", &C::volume_hash)
       .field("state_hash", &C::state_hash)
-      .field("positions", &C::positions)
+      .field("displacements", &C::displacements)
       .field("velocities", &C::velocities)
       .field("rest_stretch", &C::rest_stretch)
       .field("lifetimes", &C::lifetimes)
       .field("forces", &C::forces)
+      .field("grips", &C::grips)
+      .field("integrator", &C::integrator)
+      .field("dt", &C::dt)
+      .field("dt_since_step", &C::dt_since_step)
+      .field("dt_since_time", &C::dt_since_time)
       .field("sequence_tools", &C::sequence_tools)
       .field("sequences", &C::sequences)
       .orElse("topology");
@@ -223,10 +228,6 @@ bool SessionReplay::rebuild() {
   journal_ = std::make_unique<Journal>(*session_);
 
   const Scene again = sceneMessage(*session_);
-  if (scene.kernel != again.kernel || scene.precision != again.precision) {
-    throw ReplayError("the bag was computed with the kernel " + scene.kernel + " (" + scene.precision +
-                      "), this build has " + again.kernel + " (" + again.precision + ")");
-  }
   if (scene.volume_hash != again.volume_hash) {
     report_->add(difference("volume", "the recorded volume is not the one that the scene names"));
   }

@@ -8,6 +8,7 @@
 #include <soft_volume/GridTopology.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationCheckpoint.h>
+#include <soft_volume/SimulationControl.h>
 #include <soft_volume/SimulationJournal.h>
 #include <soft_volume/Volume.h>
 
@@ -62,13 +63,6 @@ SimulationNode::SimulationNode(const ros::NodeHandle& node, const ros::NodeHandl
   scene_ = core::loadScene(scene_file);
   volumes_ = core::readVolumes(scene_);
   epoch_ = publish_clock_ ? ros::Time(1.0) : ros::Time::now();
-  state_every_ = every(1.0 / scene_.output.state_rate_hz);
-  patch_every_ = every(1.0 / scene_.output.patch_rate_hz);
-  key_frame_every_ = every(scene_.output.key_frame_interval_s);
-  checkpoint_every_ = every(scene_.output.checkpoint_interval_s);
-  journal_every_ = every(kJournalInterval_s);
-  clock_every_ = every(0.001);
-
   advertise();
   startSession(nullptr);
   subscribe();
@@ -86,7 +80,16 @@ SimulationNode::~SimulationNode() {
 }
 
 SimulationNode::Every SimulationNode::every(double interval_s) const {
-  return {static_cast<std::uint64_t>(std::max(1.0, std::round(interval_s / scene_.simulation.dt_s)))};
+  return {static_cast<std::uint64_t>(std::max(1.0, std::round(interval_s / session_->timeStep())))};
+}
+
+void SimulationNode::setRates() {
+  state_every_ = every(1.0 / scene_.output.state_rate_hz);
+  patch_every_ = every(1.0 / scene_.output.patch_rate_hz);
+  key_frame_every_ = every(scene_.output.key_frame_interval_s);
+  checkpoint_every_ = every(scene_.output.checkpoint_interval_s);
+  journal_every_ = every(kJournalInterval_s);
+  clock_every_ = every(0.001);
 }
 
 void SimulationNode::advertise() {
@@ -149,6 +152,11 @@ void SimulationNode::advertise() {
           response.message = "";
           response.step = session_->steps();
         });
+        return true;
+      }));
+  services_.push_back(node_.advertiseService<SetIntegrator::Request, SetIntegrator::Response>(
+      topics::kSetIntegrator, [this](SetIntegrator::Request& request, SetIntegrator::Response& response) -> Ok {
+        inLoop([this, &request, &response] { setIntegrator(request, response); });
         return true;
       }));
   services_.push_back(node_.advertiseService<SaveCheckpoint::Request, SaveCheckpoint::Response>(
@@ -276,7 +284,7 @@ void SimulationNode::waitForDueTime() {
   if (real_time_factor_ <= 0.0)
     return;
   due_ += std::chrono::duration_cast<Clock::duration>(
-      std::chrono::duration<double>(scene_.simulation.dt_s / real_time_factor_));
+      std::chrono::duration<double>(session_->timeStep() / real_time_factor_));
   const Clock::time_point now = Clock::now();
   if (due_ > now) {
     std::this_thread::sleep_until(due_);
@@ -355,6 +363,22 @@ void SimulationNode::advance() {
     publishCheckpoint();
 }
 
+void SimulationNode::setIntegrator(const SetIntegrator::Request& request, SetIntegrator::Response& response) {
+  SimulationControl control;
+  stamp(control);
+  control.session = session_->id();
+  control.revision = session_->lattice().revision;
+  control.step = session_->steps();
+  control.integrator = request.integrator;
+  control.dt = request.dt;
+  const JournalEntry& entry = journal_->apply(control);
+  response.success = static_cast<std::uint8_t>(entry.outcome == JournalEntry::APPLIED);
+  response.message = entry.reason;
+  response.dt = session_->timeStep();
+  setRates();
+  publishStats();
+}
+
 void SimulationNode::startSession(const SimulationCheckpoint* checkpoint) {
   auto session = std::make_unique<core::Session>(scene_, volumes_.volume, volumes_.labels, newSessionId(), threads_);
   auto journal = std::make_unique<Journal>(*session);
@@ -364,13 +388,14 @@ void SimulationNode::startSession(const SimulationCheckpoint* checkpoint) {
       throw core::InputError(entry.reason);
   }
   if (session_) {
-    publishJournal();                                             // what the old session still has to say
-    epoch_ = stampNow() + ros::Duration(scene_.simulation.dt_s);  // no two states with one stamp
+    publishJournal();                                           // what the old session still has to say
+    epoch_ = stampNow() + ros::Duration(session_->timeStep());  // no two states with one stamp
     if (checkpoint != nullptr)
       epoch_ -= ros::Duration(session->simulationTime());
   }
   session_ = std::move(session);
   journal_ = std::move(journal);
+  setRates();
   later_.clear();
   encoder_ = core::StateEncoder();
   journaled_step_ = session_->steps();
@@ -393,7 +418,7 @@ void SimulationNode::publishSession() {
   publishCheckpoint();
   ROS_INFO("session %llu: %zu cells, %zu vertices, time step %g s (limit %.3g s)",
            static_cast<unsigned long long>(session_->id()), session_->lattice().cellCount(),
-           session_->lattice().vertexCount(), scene_.simulation.dt_s, session_->timeStepLimit());
+           session_->lattice().vertexCount(), session_->timeStep(), session_->timeStepLimit());
 }
 
 void SimulationNode::publishTopology() {
@@ -478,14 +503,7 @@ void SimulationNode::trackExtremes() {
 
 SimulationStats SimulationNode::makeStats() {
   const Clock::time_point now = Clock::now();
-  const core::Simulation& simulation = session_->simulation();
-  SimulationStats stats;
-  stats.session = session_->id();
-  stats.revision = session_->lattice().revision;
-  stats.step = session_->steps();
-  stats.dt = scene_.simulation.dt_s;
-  stats.dt_limit = session_->timeStepLimit();
-  stats.simulation_time = session_->simulationTime();
+  SimulationStats stats = statsMessage(*session_);
   const double wall_s = std::chrono::duration<double>(now - stats_time_).count();
   const double steps = static_cast<double>(step_ms_.size());
   stats.real_time_factor = wall_s > 0.0 ? steps * stats.dt / wall_s : 0.0;
@@ -494,18 +512,10 @@ SimulationStats SimulationNode::makeStats() {
     stats.step_ms_median = step_ms_[step_ms_.size() / 2];
     stats.step_ms_max = *std::max_element(step_ms_.begin(), step_ms_.end());
   }
-  stats.cells = static_cast<std::uint32_t>(session_->lattice().cellCount());
-  stats.vertices = static_cast<std::uint32_t>(session_->lattice().vertexCount());
-  stats.active_cells = static_cast<std::uint32_t>(simulation.activeCells());
   stats.active_cells_max = active_cells_max_;
-  stats.threads = static_cast<std::uint32_t>(threads_);
   trackExtremes();
-  stats.max_displacement = simulation.maxDisplacement();
   stats.max_displacement_ever = max_displacement_ever_m_;
-  stats.max_speed = simulation.maxSpeed();
-  stats.cut_opening = session_->cutOpening();
   stats.cut_opening_max = cut_opening_max_m_;
-  stats.limited_moves = simulation.limitedMoves();
   stats.states_published = states_published_;
   stats.inputs_applied = journal_->applied();
   stats.inputs_refused = journal_->refused();
@@ -529,9 +539,12 @@ void SimulationNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& statu
   status.add("step", stats_.step);
   status.add("real-time factor", stats_.real_time_factor);
   status.add("step time, median [ms]", stats_.step_ms_median);
+  status.add("integrator", stats_.integrator);
   status.add("active cells", stats_.active_cells);
   status.add("largest displacement [m]", stats_.max_displacement);
+  status.add("estimated error of the active set [m]", stats_.frontier_error);
   status.add("moves shortened by the safe-move rule", stats_.limited_moves);
+  status.add("forces cut to what the tissue can carry", stats_.saturated_forces);
   incidents_.addTo(status);
 }
 

@@ -9,6 +9,7 @@
 #include "message_session.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
+#include "soft_volume/simulation/kernel.h"
 
 namespace soft_volume {
 namespace {
@@ -114,8 +115,8 @@ TEST(Conversions, SceneMessageRebuildsTheScene) {
   EXPECT_EQ(message.label_hash, session->labels()->hash());
   EXPECT_EQ(sceneMessage(*makeSession()).label_hash, 0U);
   EXPECT_FALSE(message.package_version.empty());
-  EXPECT_EQ(message.kernel, "scalar");
-  EXPECT_EQ(message.precision, "double");
+  EXPECT_EQ(message.kernel, core::kernelName());
+  EXPECT_EQ(message.precision, "float");
 }
 
 TEST(Conversions, TopologySurvivesTheRoundTripAlsoWithACut) {
@@ -234,6 +235,56 @@ TEST(Conversions, ForcesAndCutsSurviveTheRoundTrip) {
   EXPECT_EQ(fromMessage(cut).quads[1][3], core::Vector3(0.1 * 3, 0.2, 0.3));
 }
 
+TEST(Conversions, GripsSurviveTheRoundTrip) {
+  ToolGrip grip = gripMessage(9);
+  grip.step = 123;
+  grip.apply_at_step = 130;
+  EXPECT_EQ(toMessage(fromMessage(grip)), grip);
+  const core::ToolGripCommand command = fromMessage(grip);
+  EXPECT_TRUE(command.closed);
+  EXPECT_EQ(command.header.apply_at_step, 130U);
+  EXPECT_EQ(command.hold_steps, 30U);
+  EXPECT_EQ(command.radius_m, 0.009);
+  EXPECT_EQ(command.point_m, core::Vector3(0.024, 0.024, 0.031));
+  EXPECT_EQ(command.pose.orientation.y(), 0.6);
+  grip.closed = 0;
+  EXPECT_FALSE(fromMessage(grip).closed);
+}
+
+TEST(Conversions, IntegratorsAreNamed) {
+  SimulationControl control;
+  control.integrator = "quasi_static";
+  control.dt = 0.02;
+  EXPECT_EQ(fromMessage(control).integrator, core::Integrator::kQuasiStatic);
+  EXPECT_EQ(fromMessage(control).dt_s, 0.02);
+  expectRefused<SimulationControl>(
+      control, [](SimulationControl& m) { m.integrator = "magic"; }, "runge_kutta_4");
+}
+
+TEST(Conversions, StatsSayWhatTheSimulationDoesAndHowWrongItIs) {
+  const auto session = makeUsedSession();
+  const SimulationStats stats = statsMessage(*session);
+  EXPECT_EQ(stats.session, kSession);
+  EXPECT_EQ(stats.revision, 2U);
+  EXPECT_EQ(stats.step, 15U);
+  EXPECT_EQ(stats.dt, 0.0005);
+  EXPECT_EQ(stats.dt_limit, session->timeStepLimit());
+  EXPECT_EQ(stats.substeps, 1U);
+  EXPECT_EQ(stats.integrator, "runge_kutta_4");
+  EXPECT_EQ(stats.precision, "float");
+  EXPECT_TRUE(stats.transients_physical);
+  EXPECT_DOUBLE_EQ(stats.simulation_time, 0.0125);
+  EXPECT_EQ(stats.cells, session->lattice().cellCount());
+  EXPECT_EQ(stats.vertices, session->lattice().vertexCount());
+  EXPECT_GT(stats.active_cells, 0U);
+  EXPECT_GT(stats.active_vertices, 0U);
+  EXPECT_GT(stats.max_displacement, 0.0);
+  EXPECT_GT(stats.max_speed, 0.0);
+  EXPECT_GT(stats.cut_opening, 0.0);
+  session->apply(core::IntegratorCommand{core::Integrator::kQuasiStatic, 0.0});
+  EXPECT_FALSE(statsMessage(*session).transients_physical);
+}
+
 TEST(Conversions, RefusesAnIncompleteQuad) {
   expectRefused<ToolCut>(
       cutMessage(1), [](ToolCut& m) { m.quads.pop_back(); }, "four points per quad");
@@ -248,8 +299,19 @@ TEST(Conversions, CheckpointsContinueBitForBit) {
   ASSERT_EQ(message.forces.size(), 1U);
   EXPECT_EQ(message.forces[0].tool_id, "probe");
   EXPECT_EQ(message.forces[0].expires_at_step, 20U);
-  EXPECT_EQ(message.sequence_tools, (std::vector<std::string>{"tool/cut scalpel", "tool/force probe"}));
-  EXPECT_EQ(message.sequences, (std::vector<std::uint64_t>{6, 5}));
+  ASSERT_EQ(message.grips.size(), 1U);
+  EXPECT_EQ(message.grips[0].tool_id, "probe");
+  EXPECT_EQ(message.grips[0].expires_at_step, 40U);
+  EXPECT_FALSE(message.grips[0].vertices.empty());
+  EXPECT_EQ(message.grips[0].anchors.size(), 3 * message.grips[0].vertices.size());
+  EXPECT_EQ(message.displacements.size(), 3 * session->lattice().vertexCount());
+  EXPECT_EQ(message.integrator, "runge_kutta_4");
+  EXPECT_EQ(message.dt, 0.0005);
+  EXPECT_EQ(message.dt_since_step, 10U);
+  EXPECT_DOUBLE_EQ(message.dt_since_time, 0.01);
+  EXPECT_EQ(message.sequence_tools,
+            (std::vector<std::string>{"tool/cut scalpel", "tool/force probe", "tool/grip probe"}));
+  EXPECT_EQ(message.sequences, (std::vector<std::uint64_t>{6, 5, 7}));
 
   const auto continued = makeSession(kSession + 1);
   const core::Verdict verdict = continued->apply(fromMessage(message));
@@ -258,7 +320,7 @@ TEST(Conversions, CheckpointsContinueBitForBit) {
   SimulationCheckpoint again = toMessage(*continued, continued->checkpoint());
   again.session = again.topology.session = kSession;
   EXPECT_EQ(again, message);
-  for (int n = 0; n < 20; ++n) {
+  for (int n = 0; n < 40; ++n) {
     session->step();
     continued->step();
     ASSERT_EQ(continued->simulation().stateHash(), session->simulation().stateHash()) << "step " << session->steps();
@@ -271,7 +333,9 @@ TEST(Conversions, RefusesCheckpointsWithIncompleteRows) {
   const auto refused = [&good](const std::function<void(SimulationCheckpoint&)>& damage, const std::string& part) {
     expectRefused<SimulationCheckpoint>(good, damage, part);
   };
-  refused([](SimulationCheckpoint& m) { m.positions.pop_back(); }, "positions");
+  refused([](SimulationCheckpoint& m) { m.displacements.pop_back(); }, "displacements");
+  refused([](SimulationCheckpoint& m) { m.grips[0].anchors.pop_back(); }, "anchors");
+  refused([](SimulationCheckpoint& m) { m.integrator = "magic"; }, "magic");
   refused([](SimulationCheckpoint& m) { m.velocities.push_back(0.0); }, "velocities");
   refused([](SimulationCheckpoint& m) { m.rest_stretch.pop_back(); }, "rest_stretch");
   refused([](SimulationCheckpoint& m) { m.topology.connectivity.pop_back(); }, "connectivity");

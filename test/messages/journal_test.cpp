@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 
 #include "message_session.h"
@@ -102,6 +103,13 @@ TEST(Journal, PayloadsOfAnotherLengthAreRefused) {
   EXPECT_THROW(fromPayload<ToolForce>({}), core::InputError);
 }
 
+SimulationControl control(const std::string& integrator, double dt_s) {
+  SimulationControl message;
+  message.integrator = integrator;
+  message.dt = dt_s;
+  return message;
+}
+
 /// The recorded entries of a session with everything in it, and the state at its end.
 struct Recorded {
   std::vector<JournalEntry> entries;
@@ -123,6 +131,15 @@ Recorded record() {
       journal.apply(cutMessage(1));
     if (step == 35)
       journal.apply(ToolGrip());
+    if (step == 36) {
+      ToolGrip grip = gripMessage(1);
+      grip.revision = 2;
+      journal.apply(grip);
+    }
+    if (step == 40 || step == 50)
+      journal.apply(control(step == 40 ? "backward_euler" : "symplectic_euler", step == 40 ? 0.005 : 0.0));
+    if (step == 45)
+      journal.apply(control("magic", 0.0));
     session->step();
   }
   recorded.entries = journal.take();
@@ -132,6 +149,9 @@ Recorded record() {
 
 TEST(Journal, ReappliedItGivesTheSameStateAndTheSameEntries) {
   const Recorded recorded = record();
+  EXPECT_EQ(std::count_if(recorded.entries.begin(), recorded.entries.end(),
+                          [](const JournalEntry& e) { return e.outcome == JournalEntry::REFUSED; }),
+            3);
   const auto session = makeSession();
   Journal journal(*session);
   std::size_t next = 0;
@@ -159,6 +179,21 @@ TEST(Journal, ARestoredCheckpointIsAnInputLikeAnyOther) {
   Journal replay_journal(*replayed);
   EXPECT_EQ(replay_journal.reapply(entry), entry);
   EXPECT_EQ(replayed->simulation().stateHash(), used->simulation().stateHash());
+}
+
+TEST(Journal, AChangeOfTheIntegratorIsAnInputLikeAnyOther) {
+  const auto session = makeSession();
+  Journal journal(*session);
+  const JournalEntry entry = journal.apply(control("quasi_static", 0.02));
+  EXPECT_EQ(entry.outcome, JournalEntry::APPLIED) << entry.reason;
+  EXPECT_EQ(entry.topic, "simulation/set_integrator");
+  EXPECT_EQ(entry.type, "soft_volume/SimulationControl");
+  EXPECT_EQ(session->simulation().settings().integrator, core::Integrator::kQuasiStatic);
+  EXPECT_EQ(session->timeStep(), 0.02);
+  const JournalEntry refused = journal.apply(control("magic", 0.02));
+  EXPECT_EQ(refused.outcome, JournalEntry::REFUSED);
+  EXPECT_NE(refused.reason.find("no integrator 'magic'"), std::string::npos) << refused.reason;
+  EXPECT_EQ(session->simulation().settings().integrator, core::Integrator::kQuasiStatic);
 }
 
 TEST(Journal, UnknownTopicsAndDamagedPayloadsCannotBeReapplied) {

@@ -45,13 +45,30 @@ inline ToolCut cutMessage(std::uint64_t sequence) {
   return message;
 }
 
-/// A session that was pushed and cut, with a force in effect.
+/// Jaws that close on the middle of the block's top.
+inline ToolGrip gripMessage(std::uint64_t sequence) {
+  ToolGrip message;
+  message.session = kSession;
+  message.revision = 1;
+  message.tool_id = "probe";
+  message.sequence = sequence;
+  message.hold_steps = 30;
+  message.closed = 1;
+  message.point = toPoint({0.024, 0.024, 0.031});
+  message.radius = 0.009;
+  message.pose = toPose({core::Vector3(0.024, 0.024, 0.031), core::Quaternion(0.8, 0.0, 0.6, 0.0)});
+  return message;
+}
+
+/// A session that was pushed and cut, with a force and a grip in effect, in its second time step.
 inline std::unique_ptr<core::Session> makeUsedSession() {
   auto session = makeSession();
   session->apply(fromMessage(pushMessage(5)));
   for (int n = 0; n < 10; ++n)
     session->step();
   session->apply(fromMessage(cutMessage(6)));
+  session->apply(fromMessage(gripMessage(7)));
+  session->apply(core::IntegratorCommand{core::Integrator::kRungeKutta4, 0.0005});
   for (int n = 0; n < 5; ++n)
     session->step();
   return session;

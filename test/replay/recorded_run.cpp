@@ -27,6 +27,10 @@ constexpr std::uint64_t kJournalEvery = 10;
 constexpr std::uint64_t kForceEvery = 10;
 constexpr std::uint64_t kNanStep = 150;
 constexpr std::uint64_t kCutStep = 200;
+constexpr std::uint64_t kGripStep = 250;
+constexpr std::uint64_t kGripEnd = 340;
+constexpr std::uint64_t kIntegratorStep = 260;
+constexpr std::uint64_t kAutomaticStep = 350;
 
 std::shared_ptr<const core::Volume> ball() {
   const core::Vector3 centre = core::Vector3::Constant(0.019);
@@ -43,9 +47,9 @@ core::Scene scene() {
   tissue.name = "tissue";
   tissue.intensity_min = 0.0;
   tissue.intensity_max = 3000.0;
-  tissue.damping_per_s = 2.0;
+  tissue.damping_ratio = 0.02;
   scene.materials = {tissue};
-  scene.lattice.spacing_m = 0.008;
+  scene.lattice.spacing_m = core::Vector3::Constant(0.008);
   scene.lattice.fixed_regions_m = {core::Box3(core::Vector3(-1, -1, -1), core::Vector3(1, 1, 0.004))};
   scene.rendering.transfer_function.points = {{0.0, core::Vector3f(0.2F, 0.1F, 0.1F), 0.0F},
                                               {2000.0, core::Vector3f(1.0F, 0.8F, 0.7F), 0.4F}};
@@ -143,6 +147,29 @@ class Run {
     }
     if (step == kCutStep)
       give(topics::kToolCut, cut());
+    if (settings_.grips)
+      applyGripsAndIntegrators(step);
+  }
+
+  void applyGripsAndIntegrators(std::uint64_t step) {
+    if (step >= kGripStep && step <= kGripEnd && step % kForceEvery == 0)
+      give(topics::kToolGrip, grip(step));
+    SimulationControl control;
+    control.integrator = step == kIntegratorStep ? "runge_kutta_4" : "symplectic_euler";
+    control.dt = step == kIntegratorStep ? 0.0007 : 0.0;
+    if (step == kIntegratorStep || step == kAutomaticStep)
+      journal_.apply(control);
+  }
+
+  static ToolGrip grip(std::uint64_t step) {
+    ToolGrip grip;
+    grip.hold_steps = 15;
+    grip.closed = static_cast<std::uint8_t>(step < kGripEnd);
+    grip.point = toPoint({0.019, 0.019, 0.035});
+    grip.radius = 0.01;
+    grip.pose.position = toPoint({0.019, 0.019, 0.035 + 5e-5 * static_cast<double>(step - kGripStep)});
+    grip.pose.orientation.w = 1.0;
+    return grip;
   }
 
   ToolForce force() const {
@@ -286,6 +313,7 @@ void rewriteBag(const std::string& from, const std::string& to, const std::funct
       continue;
     const auto header = boost::make_shared<ros::M_string>(*raw.header);
     (*header)["md5sum"] = raw.md5sum;
+    (*header)["type"] = raw.type;
     AnyMessage message;
     message.morph(raw.md5sum, raw.type, raw.definition, "");
     ros::serialization::IStream bytes(raw.bytes.data(), static_cast<std::uint32_t>(raw.bytes.size()));

@@ -87,6 +87,28 @@ TEST_F(Replay, AWholeRunIsIdenticalTwiceWithAnyNumberOfThreads) {
   }
 }
 
+TEST_F(Replay, GripsAndChangesOfTheIntegratorAreReplayed) {
+  RunSettings settings;
+  settings.grips = true;
+  recordBag(other(), settings);
+  const nlohmann::json result = json(other(), 0);
+  EXPECT_EQ(result["identical"], true);
+  EXPECT_EQ(result["inputs"], 54);
+  EXPECT_EQ(result["inputs_refused"], 1);
+  EXPECT_EQ(result["not_checked"], 0);
+  // The checkpoint of step 300 holds jaws and a time step that is not the scene's.
+  settings.first_recorded_step = 255;
+  recordBag(other(), settings);
+  const nlohmann::json late = json(other(), 0);
+  EXPECT_EQ(late["steps"], 100);
+  EXPECT_NE(late["notes"].dump().find("checkpoint of step 300"), std::string::npos);
+}
+
+TEST_F(Replay, ItDoesNotMatterWhichKernelThatProcessorHad) {
+  rewriteMessage<Scene>(whole(), other(), 0, [](Scene& scene) { scene.kernel = "another"; });
+  EXPECT_EQ(json(other(), 0)["identical"], true);
+}
+
 TEST_F(Replay, WritesTheFramesItRenders) {
   const std::string frames = other("frames");
   EXPECT_EQ(replay(whole(), "--frames '" + frames + "'").code, 0);
@@ -341,6 +363,15 @@ TEST_F(Replay, AnotherVersionIsRefused) {
     return true;
   });
   expectImpossible(other(), "recorded by another version");
+}
+
+TEST_F(Replay, AMessageUnderAWrongNameIsNotLeftOut) {
+  rewriteBag(whole(), other(), [](RawMessage& raw) {
+    if (raw.type == "soft_volume/RenderStats")
+      raw.type = "soft_volume/RenderStatr";
+    return true;
+  });
+  expectImpossible(other(), "damaged");
 }
 
 TEST_F(Replay, RemappedTopicsAreFound) {

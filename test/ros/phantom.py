@@ -41,7 +41,7 @@ _SCENE = {
     'volume': {'file': 'block.mha'},
     'materials': [{
         'name': 'tissue', 'intensity': [THRESHOLD, 1000], 'density_kg_m3': 1000, 'youngs_modulus_pa': 6000,
-        'damping_per_s': 60
+        'damping_ratio': 0.5
     }],
     'lattice': {'spacing_m': 0.008, 'fixed_regions_m': [{'min': [-0.01, -0.01, -0.01], 'max': [0.1, 0.1, 0.008]}]},
     'simulation': {'dt_s': 0.001, 'activation_radius_m': 0.02, 'lifetime_s': 3.0, 'max_tool_force_n': 20},

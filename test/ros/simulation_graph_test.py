@@ -4,7 +4,7 @@
 import rospy
 from geometry_msgs.msg import Point
 from soft_volume.msg import GridState, JournalEntry, SimulationCheckpoint, SimulationStats, ToolGrip, Volume
-from soft_volume.srv import StepSimulation
+from soft_volume.srv import SetIntegrator, StepSimulation
 from std_srvs.srv import Trigger
 
 import graph
@@ -99,16 +99,72 @@ class LockstepTest(graph.GraphTest):
     self.assertEqual(len(self.simulation.applied()), 2)
     self.wait_for_warning('simulation', 'tool/force: ')
 
+  def grip(self, **changes):
+    message = ToolGrip(session=self.simulation.session, revision=1, tool_id='probe', sequence=1, closed=True,
+                       hold_steps=400, radius=0.009)
+    message.point = message.pose.position = Point(0.047, 0.047, phantom.TOP_Z_M)
+    message.pose.orientation.w = 1.0
+    for field, value in changes.items():
+      setattr(message, field, value)
+    return message
+
+  def testJawsLiftTissue(self):
+    grips = self.publisher('tool/grip', ToolGrip)
+    states = self.listen('grid/state', GridState)
+    states.connect()
+    grips.publish(self.grip(apply_at_step=1))
+    lifted = self.grip(sequence=2, apply_at_step=2)
+    lifted.pose.position = Point(0.047, 0.047, phantom.TOP_Z_M + 0.006)
+    grips.publish(lifted)
+    self.simulation.step(300)
+    state = states.wait(lambda s: s.step == 300, 'state of the lift')
+    self.assertAlmostEqual(self.displacement(state), 0.006, delta=1e-4)
+    grips.publish(self.grip(sequence=3, closed=False))
+    self.simulation.step(1500)
+    self.assertEqual([e.outcome for e in self.simulation.entries()], 3 * [JournalEntry.APPLIED])
+    state = states.wait(lambda s: s.step == 1800, 'state after the release')
+    self.assertLess(self.displacement(state), 2e-4)
+
   def testIncompleteQuadsAndGripsAreRefused(self):
     grips = self.publisher('tool/grip', ToolGrip)
     self.simulation.cut(sequence=1, quads=[Point(0.04, 0.04, 0.06)] * 3)
-    grips.publish(ToolGrip(session=self.simulation.session, revision=1, tool_id='probe', sequence=1, closed=True))
+    grips.publish(self.grip(radius=NAN))
     self.simulation.step(1)
     self.assertEqual(sorted((e.topic, e.outcome) for e in self.simulation.entries()),
                      [('tool/cut', JournalEntry.REFUSED), ('tool/grip', JournalEntry.REFUSED)])
     self.assertIn('four points', ' '.join(e.reason for e in self.simulation.refused()))
     self.wait_for_warning('simulation', 'tool/cut', 'four points')
-    self.wait_for_warning('simulation', 'tool/grip', 'does not grip')
+    self.wait_for_warning('simulation', 'tool/grip', 'grip radius')
+
+  def testTheIntegratorCanBeChangedDuringARun(self):
+    states, stats = self.listen('grid/state', GridState), self.listen('simulation/stats', SimulationStats)
+    states.connect()
+    self.simulation.push(sequence=1, apply_at_step=1)
+    self.simulation.step(100)
+    before = states.wait(lambda s: s.step == 100, 'state').simulation_time
+    self.assertAlmostEqual(before, 0.1)
+    response = self.call('simulation/set_integrator', SetIntegrator, 'backward_euler', 0.01)
+    self.assertTrue(response.success, response.message)
+    self.assertEqual(response.dt, 0.01)
+    now = stats.wait(lambda s: s.integrator == 'backward_euler', 'stats')
+    self.assertEqual((now.dt, now.transients_physical, now.precision), (0.01, True, 'float'))
+    self.assertLess(now.dt_limit, 0.01)
+    self.simulation.step(10)
+    self.assertAlmostEqual(states.wait(lambda s: s.step == 110, 'state').simulation_time, 0.2)
+
+    for integrator, dt, reason in (('magic', 0.0, 'runge_kutta_4'), ('symplectic_euler', 0.01, 'stability limit'),
+                                   ('runge_kutta_4', NAN, 'time step')):
+      response = self.call('simulation/set_integrator', SetIntegrator, integrator, dt)
+      self.assertFalse(response.success)
+      self.assertIn(reason, response.message)
+      self.assertEqual(response.dt, 0.01)
+    response = self.call('simulation/set_integrator', SetIntegrator, 'symplectic_euler', 0.0)
+    self.assertTrue(response.success, response.message)
+    self.assertLess(response.dt, now.dt_limit)
+    self.simulation.step(1)
+    entries = [e for j in self.simulation.journals.messages for e in j.entries if e.topic == 'simulation/set_integrator']
+    self.assertEqual([e.outcome for e in entries],
+                     [JournalEntry.APPLIED] + 3 * [JournalEntry.REFUSED] + [JournalEntry.APPLIED])
 
   def testAForceExpires(self):
     states = self.listen('grid/state', GridState)
@@ -159,8 +215,8 @@ class LockstepTest(graph.GraphTest):
     damages = [
         ('another scene', lambda c: setattr(c, 'scene_hash', 1)),
         ('another volume', lambda c: setattr(c, 'volume_hash', 1)),
-        ('positions', lambda c: setattr(c, 'positions', c.positions[:-1])),
-        ('', lambda c: setattr(c, 'positions', c.positions[:-3])),
+        ('displacements', lambda c: setattr(c, 'displacements', c.displacements[:-1])),
+        ('', lambda c: setattr(c, 'displacements', c.displacements[:-3])),
         ('', lambda c: setattr(c, 'velocities', (NAN,) + c.velocities[1:])),
         ('', lambda c: setattr(c, 'lifetimes', c.lifetimes[1:])),
         ('another lattice', lambda c: setattr(c.topology, 'connectivity', c.topology.connectivity[8:])),

@@ -8,8 +8,11 @@
 #include <soft_volume/GridTopology.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationCheckpoint.h>
+#include <soft_volume/SimulationControl.h>
+#include <soft_volume/SimulationStats.h>
 #include <soft_volume/ToolCut.h>
 #include <soft_volume/ToolForce.h>
+#include <soft_volume/ToolGrip.h>
 #include <soft_volume/Volume.h>
 
 #include <memory>
@@ -64,6 +67,14 @@ core::ToolForceCommand fromMessage(const ToolForce& message);
 
 ToolCut toMessage(const core::ToolCutCommand& command);
 core::ToolCutCommand fromMessage(const ToolCut& message);
+
+ToolGrip toMessage(const core::ToolGripCommand& command);
+core::ToolGripCommand fromMessage(const ToolGrip& message);
+
+core::IntegratorCommand fromMessage(const SimulationControl& message);
+
+/// What the simulation itself knows; times, counts and extremes of the node stay 0.
+SimulationStats statsMessage(const core::Session& session);
 
 SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpoint& checkpoint);
 core::Checkpoint fromMessage(const SimulationCheckpoint& message);

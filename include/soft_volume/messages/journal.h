@@ -3,6 +3,7 @@
 #include <ros/serialization.h>
 #include <soft_volume/JournalEntry.h>
 #include <soft_volume/SimulationCheckpoint.h>
+#include <soft_volume/SimulationControl.h>
 #include <soft_volume/ToolCut.h>
 #include <soft_volume/ToolForce.h>
 #include <soft_volume/ToolGrip.h>
@@ -53,6 +54,7 @@ class Journal {
   const JournalEntry& apply(const ToolForce& message);
   const JournalEntry& apply(const ToolCut& message);
   const JournalEntry& apply(const ToolGrip& message);
+  const JournalEntry& apply(const SimulationControl& message);
   const JournalEntry& apply(const SimulationCheckpoint& message);
   /// Records something that the physics does not feel: a pause, an input that never reached the session (`reason`).
   const JournalEntry& note(const std::string& topic, const std::string& type, const std::vector<std::uint8_t>& payload,

@@ -28,6 +28,7 @@ constexpr char kRecorderStatus[] = "recorder/status";
 constexpr char kReset[] = "simulation/reset";
 constexpr char kPause[] = "simulation/pause";
 constexpr char kStep[] = "simulation/step";
+constexpr char kSetIntegrator[] = "simulation/set_integrator";
 constexpr char kSaveCheckpoint[] = "simulation/save_checkpoint";
 constexpr char kRestoreCheckpoint[] = "simulation/restore_checkpoint";
 constexpr char kRequestKeyFrame[] = "simulation/request_key_frame";

@@ -4,6 +4,7 @@
 #include <ros/node_handle.h>
 #include <soft_volume/RestoreCheckpoint.h>
 #include <soft_volume/SaveCheckpoint.h>
+#include <soft_volume/SetIntegrator.h>
 #include <soft_volume/SimulationStats.h>
 #include <soft_volume/StepSimulation.h>
 #include <soft_volume/ToolCut.h>
@@ -70,6 +71,7 @@ class SimulationNode {
 
   void advertise();
   void subscribe();
+  void setRates();
   Every every(double interval_s) const;
 
   // In callbacks.
@@ -85,6 +87,7 @@ class SimulationNode {
   void applyInputs();
   void applyInput(const Input& input);
   void advance();
+  void setIntegrator(const SetIntegrator::Request& request, SetIntegrator::Response& response);
   void startSession(const SimulationCheckpoint* checkpoint);
   void publishSession();
   void publishTopology();
