@@ -7,7 +7,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -16,6 +15,7 @@
 #include <new>
 #include <string>
 
+#include "progress_bar.h"
 #include "soft_volume/replay/replay_bag.h"
 
 namespace {
@@ -24,6 +24,7 @@ using soft_volume::ReplayDifference;
 using soft_volume::ReplayError;
 using soft_volume::ReplayOptions;
 using soft_volume::ReplayReport;
+using soft_volume::core::ProgressBar;
 
 constexpr int kIdentical = 0;
 constexpr int kDifferent = 1;
@@ -50,45 +51,6 @@ constexpr char kExamples[] =
     "\n"
     "Exit code: 0 everything is identical, 1 something differs, 2 it cannot be done (bad arguments; a bag that is\n"
     "damaged, lacks a topic or comes from another version).\n";
-
-/// A bar with the time left on a terminal, a line now and then elsewhere.
-class ProgressBar {
- public:
-  explicit ProgressBar(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
-  ~ProgressBar() {
-    if (drawn_ && terminal_)
-      std::fprintf(stderr, "\r%78s\r", "");
-  }
-  ProgressBar(const ProgressBar&) = delete;
-  ProgressBar& operator=(const ProgressBar&) = delete;
-
-  void update(double done, double total) {
-    if (quiet_ || total <= 0.0)
-      return;
-    const Clock::time_point now = Clock::now();
-    if (now - last_ < std::chrono::milliseconds(terminal_ ? 100 : 5000))
-      return;
-    last_ = now;
-    drawn_ = true;
-    const double fraction = std::min(1.0, done / total);
-    const double spent_s = std::chrono::duration<double>(now - start_).count();
-    const double left_s = fraction > 0.0 ? spent_s * (1.0 - fraction) / fraction : 0.0;
-    const int filled = static_cast<int>(40.0 * fraction);
-    const std::string bar =
-        std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(40 - filled), '.');
-    std::fprintf(stderr, terminal_ ? "\r[%s] %3.0f %%  %4.0f s left " : "[%s] %3.0f %%  %4.0f s left\n", bar.c_str(),
-                 100.0 * fraction, left_s);
-    std::fflush(stderr);
-  }
-
- private:
-  using Clock = std::chrono::steady_clock;
-  bool quiet_;
-  bool terminal_;
-  bool drawn_ = false;
-  Clock::time_point start_ = Clock::now();
-  Clock::time_point last_ = start_;
-};
 
 void printRow(const char* name, std::uint64_t count, const char* remark = "") {
   std::printf("  %-28s %10llu  %s\n", name, static_cast<unsigned long long>(count), remark);
