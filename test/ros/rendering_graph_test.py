@@ -49,7 +49,8 @@ class RenderingTest(graph.GraphTest):
   def setUp(self):
     super().setUp()
     scene = phantom.scene()
-    scene['simulation']['activation_radius_m'] = 0.01  # so that a push leaves most of the block alone
+    # So that a push leaves most of the block alone: growth lets all of it move a little, as real tissue does.
+    scene['simulation'].update(active_set='neighbourhood', activation_radius_m=0.01)
     self.simulation = graph.Simulation(self, scene)
     self.renderer = self.start('renderer_node')
     self.stats = self.listen('render/stats', RenderStats)
