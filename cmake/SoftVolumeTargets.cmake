@@ -1,8 +1,9 @@
 # Helpers that every target of the project is made with, so that warnings, includes and exports are stated once.
 
-# soft_volume_library(NAME): a library of our own code, with our warnings and include folder.
+# soft_volume_library(NAME [TYPE] [SOURCES...]): a library of our own code, with our warnings and include folder; TYPE
+# as add_library() takes it.
 function(soft_volume_library name)
-  add_library(${name})
+  add_library(${name} ${ARGN})
   target_include_directories(${name} PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
                                             $<INSTALL_INTERFACE:include>)
   target_compile_features(${name} PUBLIC cxx_std_17)

@@ -196,7 +196,7 @@ struct Compression {
 
 void compress(const Compression& compression, const Beads& beads, const Options& options, Report& report) {
   const Slab slab(compression.cells_per_pitch, compression.poisson_ratio, beads);
-  Simulation simulation(slab.block.lattice, slab.block.materials, staticSettings(), options.threads);
+  Simulation simulation(slab.block.lattice, slab.block.materials, exactSettings(), options.threads);
   std::ostringstream prefix;
   prefix << "h " << 10 / compression.cells_per_pitch << " mm, nu " << compression.poisson_ratio << ", state ";
   for (int state = 1; state < kStates; ++state) {
