@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "soft_volume/common/error.h"
@@ -34,6 +35,15 @@ double bodyParameter(const Vector3& squared) {
   const double high = squared.minCoeff() / squared.prod();
   const double low = std::max(0.0, (-edgeTerms(squared).cwiseQuotient(squared)).maxCoeff());
   return low + 0.4 * (high - low);
+}
+
+/// Share of their stiffness against hourglass modes that springs give up.
+constexpr double kBendingRelief = 2.0 / 3.0;
+
+/// Mode n is the product of a corner's signs along the two axes other than n.
+double hourglassSign(int corner, int mode) {
+  const int* c = kHexahedronCorners[corner];
+  return (2 * c[(mode + 1) % 3] - 1) * (2 * c[(mode + 2) % 3] - 1);
 }
 
 }  // namespace
@@ -80,6 +90,29 @@ double springStiffness(const CellSprings& springs, const CornerPair& pair) {
       return pair.axes == 1 ? springs.edge_n_m[d] : springs.face_n_m[d];
   }
   return 0.0;  // not reached: one axis always stands out
+}
+
+double bendingRelief(const CellSprings& springs, const Vector3& spacing_m) {
+  double least = std::numeric_limits<double>::infinity();
+  for (int mode = 0; mode < 3; ++mode) {
+    Vector3 stiffness = Vector3::Zero();
+    for (const CornerPair& pair : kCornerPairs) {
+      Vector3 unit = Vector3::Zero();
+      for (int d = 0; d < 3; ++d)
+        unit[d] = (kHexahedronCorners[pair.b][d] - kHexahedronCorners[pair.a][d]) * spacing_m[d];
+      const double apart = hourglassSign(pair.b, mode) - hourglassSign(pair.a, mode);
+      stiffness += springStiffness(springs, pair) * apart * apart / 8.0 * unit.normalized().cwiseAbs2();
+    }
+    least = std::min(least, stiffness.minCoeff());
+  }
+  return kBendingRelief * least;
+}
+
+double bendingReliefShare(const CornerPair& pair) {
+  double sum = 0.0;
+  for (int mode = 0; mode < 3; ++mode)
+    sum += hourglassSign(pair.a, mode) * hourglassSign(pair.b, mode);
+  return sum / 8.0;
 }
 
 double dissertationStrength(const Lattice& lattice, const std::vector<Material>& materials) {

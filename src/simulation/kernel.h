@@ -12,14 +12,15 @@ constexpr std::size_t kLanes = 32 / sizeof(Real);
 /// Neighbours by lattice offset: direction (dx+1) + 3 (dy+1) + 9 (dz+1); 13 is the vertex itself.
 constexpr std::size_t kDirections = 27;
 
-/// One spring of every vertex of a block, all in the same direction. Its stiffness values stand at `kLanes` times the
-/// entry's number; 0 where a vertex has no such spring.
+/// One spring of every vertex of a block, all in the same direction; stiffness 0 where a vertex has none.
 struct SpringEntry {
   static constexpr std::uint32_t kUnstretched = 0xffffffffU;
+  std::uint32_t stiffness;  ///< place of the stiffness: one value for all lanes if `uniform`, else one for each
   std::uint32_t index;      ///< contiguous: the first vertex's neighbour; else the place of the block's in `indices`
   std::uint32_t stretched;  ///< place of rest length and |r|^2 - length^2 of each lane, or kUnstretched
   std::uint8_t direction;
-  std::uint8_t edge;        ///< along a cell edge
+  std::uint8_t edge;  ///< along a cell edge
+  std::uint8_t uniform;
   std::uint8_t contiguous;  ///< the neighbours of successive vertices follow each other
 };
 
@@ -47,6 +48,7 @@ struct KernelView {
   const Real* stretched;
   Real offset[kDirections][3];  ///< to the neighbour at rest
   Real length[kDirections];
+  Real linear[kDirections];  ///< linear springs without rest length, in units of the stiffness (SpringModel)
 
   // Per cell: corner c of cell n is vertex corners[c * cell_stride + n].
   const std::uint32_t* corners;
@@ -58,8 +60,8 @@ struct KernelView {
   // Volume energy; null where no material has it.
   const Real* volume_modulus;    ///< per cell, pascal
   const Real* volume_stretch;    ///< per cell, rest volume over that of a cell
-  Real* corner_force;            ///< [24][cell_stride]: force of the cell on each corner
-  const std::uint32_t* cell_of;  ///< [8][vertex_stride]: cell in which the vertex is corner c, or an empty one
+  Real* corner_force;            ///< [cell blocks][8][3][lanes]: force of a cell on its corners
+  const std::uint32_t* cell_of;  ///< [8][vertex_stride]: place of the cell in which the vertex is corner c, or of none
   std::size_t vertex_stride;
 
   Real gravity[3];
@@ -74,6 +76,7 @@ struct AdvanceRule {
   Real nearest_fraction;  ///< largest move as a fraction of the distance to the nearest neighbour
   Real largest_move;      ///< and in metres
   Real epsilon;           ///< two vertices may not come closer than this (section 4.3)
+  bool damped;            ///< the materials' damping applies
   bool limits;            ///< any of these applies
   bool consistent;        ///< a shortened move shortens the velocity with it
 };

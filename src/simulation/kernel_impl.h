@@ -147,6 +147,11 @@ SOFT_VOLUME_INLINE Pack3<Real> neighbours(const KernelView<Real>& view, const Sp
 }
 
 template <typename Real>
+SOFT_VOLUME_INLINE Pack<Real> stiffnessOf(const KernelView<Real>& view, const SpringEntry& entry) {
+  return entry.uniform ? all(view.stiffness[entry.stiffness]) : load(view.stiffness + entry.stiffness);
+}
+
+template <typename Real>
 SOFT_VOLUME_INLINE Pack3<Real> broadcast(const Real (&v)[3]) {
   return {all(v[0]), all(v[1]), all(v[2])};
 }
@@ -157,10 +162,10 @@ template <typename Real>
 SOFT_VOLUME_INLINE void addVolumeForces(const KernelView<Real>& view, std::size_t at, Pack3<Real>& force) {
   for (int c = 0; c < 8; ++c) {
     const std::uint32_t* index = view.cell_of + c * view.vertex_stride + at;
-    const Real* values = view.corner_force + 3 * c * view.cell_stride;
+    const Real* values = view.corner_force + 3 * c * kLanes<Real>;
     force.x += gather(values, index);
-    force.y += gather(values + view.cell_stride, index);
-    force.z += gather(values + 2 * view.cell_stride, index);
+    force.y += gather(values + kLanes<Real>, index);
+    force.z += gather(values + 2 * kLanes<Real>, index);
   }
 }
 
@@ -177,7 +182,7 @@ void forces(const KernelView<Real>& view, const std::uint32_t* blocks, std::size
     Pack<Real> nearest = huge;
     for (std::uint32_t e = view.entry_begin[block]; e < view.entry_begin[block + 1]; ++e) {
       const SpringEntry& entry = view.entries[e];
-      const Pack<Real> k = load(view.stiffness + e * kLanes<Real>);
+      const Pack<Real> k = stiffnessOf<Real>(view, entry);
       const Pack3<Real> rest = broadcast(view.offset[entry.direction]);
       const Pack3<Real> apart = neighbours<Real>(view, entry, view.displacement) - own;
       const Pack3<Real> d = rest + apart;
@@ -190,7 +195,8 @@ void forces(const KernelView<Real>& view, const std::uint32_t* blocks, std::size
         rest_length = load(view.stretched + entry.stretched);
         difference += load(view.stretched + entry.stretched + kLanes<Real>);
       }
-      force = force + times<Real>(k * difference / (length * (length + rest_length)), d);
+      force = force + times<Real>(k, times<Real>(difference / (length * (length + rest_length)), d) +
+                                         times<Real>(all(view.linear[entry.direction]), apart));
       if (entry.edge || view.nearest_of_all)
         nearest = smaller<Real>(nearest, k > Real(0) ? squared : huge);
     }
@@ -214,7 +220,7 @@ void stiffnessProduct(const KernelView<Real>& view, const Real* const direction[
     Pack3<Real> sum = {zero, zero, zero};
     for (std::uint32_t e = view.entry_begin[block]; e < view.entry_begin[block + 1]; ++e) {
       const SpringEntry& entry = view.entries[e];
-      const Pack<Real> k = load(view.stiffness + e * kLanes<Real>);
+      const Pack<Real> k = stiffnessOf<Real>(view, entry);
       const Pack3<Real> d =
           broadcast(view.offset[entry.direction]) + neighbours<Real>(view, entry, view.displacement) - own;
       const Pack3<Real> q = own_direction - neighbours<Real>(view, entry, direction);
@@ -226,7 +232,7 @@ void stiffnessProduct(const KernelView<Real>& view, const Real* const direction[
       // Compressed springs would make the matrix indefinite across their direction; their part there is left out.
       const Pack<Real> across = larger<Real>(all(Real(1)) - rest_length / length, zero);
       const Pack<Real> along = (all(Real(1)) - across) * dot(d, q) / squared;
-      sum = sum + times<Real>(k, times<Real>(across, q) + times<Real>(along, d));
+      sum = sum + times<Real>(k, times<Real>(across + all(view.linear[entry.direction]), q) + times<Real>(along, d));
     }
     store3<Real>(product, at, sum);
   }
@@ -246,7 +252,7 @@ void advance(const KernelView<Real>& view, const AdvanceRule<Real>& rule, const 
     const Pack<Real> inverse_mass = load(view.inverse_mass + at);
     const Pack3<Real> acceleration = times<Real>(inverse_mass, load3<Real>(view.force, at));
     // Damping is taken implicitly: it can only take energy out, whatever its rate.
-    const Pack<Real> kept = one / (one + dt * load(view.damping_rate + at));
+    const Pack<Real> kept = rule.damped ? one / (one + dt * load(view.damping_rate + at)) : one;
     Pack3<Real> velocity = times<Real>(kept, load3<Real>(view.velocity, at) + times<Real>(dt, acceleration));
     Pack3<Real> move = times<Real>(dt, velocity) + times<Real>(all(rule.half_dt_squared), acceleration);
     Pack<Real> squared = dot(move, move);
@@ -424,11 +430,11 @@ void volumeForces(const KernelView<Real>& view, std::size_t begin, std::size_t e
     const Pack<Real> excess = sum + all(Real(8) * volume) * (all(Real(1)) - stretch);
     const Pack<Real> pressure = load(view.volume_modulus + at) * excess / (all(Real(64) * volume) * stretch);
     for (int c = 0; c < 8; ++c) {
-      Real* to = view.corner_force + 3 * c * view.cell_stride + at;
+      Real* to = view.corner_force + 24 * at + 3 * c * kLanes<Real>;
       const Pack3<Real> force = times<Real>(zero - pressure, gradient[c]);
       store<Real>(to, force.x);
-      store<Real>(to + view.cell_stride, force.y);
-      store<Real>(to + 2 * view.cell_stride, force.z);
+      store<Real>(to + kLanes<Real>, force.y);
+      store<Real>(to + 2 * kLanes<Real>, force.z);
     }
   }
 }

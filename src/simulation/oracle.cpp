@@ -15,10 +15,14 @@ constexpr double kMoveCap = 0.5;              // of h
 constexpr double kLeastWidth = 0.02;          // of h
 constexpr double kWidthFraction = 0.499;      // of the width above the least that a capped vertex may move
 constexpr double kAltitudeLimit = 0.3;        // of h
-constexpr double kAltitudeStiffness = 4.0;    // of k
+constexpr double kAltitudeStiffness = 2.0;    // of k
 constexpr double kCubicEdgeStiffness = 0.35;  // k / (mu h), the edge of a cubic cell
 constexpr double kForceBound = 0.25;          // of h times the stiffness of a vertex's springs
 constexpr int kHalvings = 2;                  // before a move is capped
+
+/// Products of the signs of a corner's coordinates along two axes: y z, z x, x y.
+constexpr double kHourglassSigns[8][3] = {{1, 1, 1},   {1, -1, -1}, {-1, -1, 1}, {-1, 1, -1},
+                                          {-1, -1, 1}, {-1, 1, -1}, {1, 1, 1},   {1, -1, -1}};
 
 Vector3 cornerOffset(int corner, const Vector3& spacing_m) {
   const int* c = kHexahedronCorners[corner];
@@ -51,6 +55,31 @@ void addSpringForces(const CellCorners& corners, const std::array<double, 28>& s
     forces_n[pair.a] += force;
     forces_n[pair.b] -= force;
   }
+}
+
+/// Sums of g x of bendingRelief(), one for each pair of axes.
+std::array<Vector3, 3> hourglassSums(const CellCorners& corners) {
+  std::array<Vector3, 3> sums = {Vector3::Zero(), Vector3::Zero(), Vector3::Zero()};
+  for (int c = 0; c < 8; ++c) {
+    for (int mode = 0; mode < 3; ++mode)
+      sums[mode] += kHourglassSigns[c][mode] * corners[c];
+  }
+  return sums;
+}
+
+void addReliefForces(const CellCorners& corners, double relief_n_m, CellCorners& forces_n) {
+  const std::array<Vector3, 3> sums = hourglassSums(corners);
+  for (int c = 0; c < 8; ++c) {
+    for (int mode = 0; mode < 3; ++mode)
+      forces_n[c] += relief_n_m / 8.0 * kHourglassSigns[c][mode] * sums[mode];
+  }
+}
+
+double reliefEnergy(const CellCorners& corners, double relief_n_m) {
+  double squared = 0.0;
+  for (const Vector3& sum : hourglassSums(corners))
+    squared += sum.squaredNorm();
+  return -relief_n_m / 16.0 * squared;
 }
 
 double meanDeterminant(const CellCorners& corners) {
@@ -103,6 +132,7 @@ OracleModel::OracleModel(const Lattice& lattice, const std::vector<Material>& ma
     : lattice_(&lattice), rest_corners_(boxCorners(lattice.spacing_m)) {
   if (rule == SpringRule::kDissertation) {
     volume_modulus_pa_.assign(materials.size(), 0.0);
+    relief_n_m_.assign(materials.size(), 0.0);
     useDissertationRule(dissertationStrength(lattice, materials));
   } else {
     useIsotropicRule(materials);
@@ -119,6 +149,7 @@ void OracleModel::useIsotropicRule(const std::vector<Material>& materials) {
       row[s] = springStiffness(springs, kCornerPairs[s]);
     stiffness_n_m_.push_back(row);
     volume_modulus_pa_.push_back(constants.volume_pa);
+    relief_n_m_.push_back(bendingRelief(springs, lattice_->spacing_m));
   }
   stiffness_row_.assign(lattice_->materials.begin(), lattice_->materials.end());
 }
@@ -166,6 +197,7 @@ void OracleModel::addForces(const std::vector<Vector3>& displacements_m, std::ve
     const CellCorners here = corners(cell, displacements_m);
     CellCorners forces = noForces();
     addSpringForces(here, stiffness_n_m_[stiffness_row_[cell]], rest_length_m_[length_row_[cell]], forces);
+    addReliefForces(here, relief_n_m_[lattice_->materials[cell]], forces);
     const Volume rest = volume(cell);
     if (rest.modulus_pa > 0.0)
       addVolumeForces(here, rest.modulus_pa, rest.rest_m3, forces);
@@ -179,6 +211,7 @@ double OracleModel::energy(const std::vector<Vector3>& displacements_m) const {
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
     const CellCorners here = corners(cell, displacements_m);
     energy += springEnergy(here, stiffness_n_m_[stiffness_row_[cell]], rest_length_m_[length_row_[cell]]);
+    energy += reliefEnergy(here, relief_n_m_[lattice_->materials[cell]]);
     const Volume rest = volume(cell);
     const double growth = meanDeterminant(here) / rest.rest_m3 - 1.0;
     energy += 0.5 * rest.modulus_pa * rest.rest_m3 * growth * growth;

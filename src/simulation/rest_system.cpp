@@ -53,6 +53,7 @@ RestSystem::RestSystem(const Lattice& lattice, SpringRule rule, const SpringMode
   const LatticeIndex index(whole);
   for (std::size_t d = 0; d < kDirections; ++d)
     unit_[d] = model.offsets_m[d].normalized();
+  linear_ = model.linear;
   mass_kg_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(3 * whole.vertexCount()));
   row_begin_.push_back(0);
   VertexRow row;
@@ -87,7 +88,7 @@ void RestSystem::product(const Eigen::VectorXd& x, Eigen::VectorXd& y) const {
     for (std::uint32_t e = row_begin_[std::size_t(v)]; e < row_begin_[std::size_t(v) + 1]; ++e) {
       const Vector3& unit = unit_[entries_[e].direction];
       const Vector3 apart = own - x.segment<3>(3 * Eigen::Index(entries_[e].neighbour));
-      sum += entries_[e].stiffness_n_m * unit.dot(apart) * unit;
+      sum += entries_[e].stiffness_n_m * (unit.dot(apart) * unit + linear_[entries_[e].direction] * apart);
     }
     y.segment<3>(3 * v) = sum;
   }
@@ -138,7 +139,8 @@ double RestSystem::lowestFrequency() const {
   for (std::size_t v = 0; v + 1 < row_begin_.size(); ++v) {
     Vector3 diagonal = Vector3::Zero();
     for (std::uint32_t e = row_begin_[v]; e < row_begin_[v + 1]; ++e)
-      diagonal += entries_[e].stiffness_n_m * unit_[entries_[e].direction].cwiseAbs2();
+      diagonal += entries_[e].stiffness_n_m *
+                  (unit_[entries_[e].direction].cwiseAbs2() + Vector3::Constant(linear_[entries_[e].direction]));
     if (diagonal.minCoeff() > 0.0)
       problem.preconditioner.segment<3>(3 * Eigen::Index(v)) = diagonal.cwiseInverse();
   }

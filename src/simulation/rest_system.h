@@ -36,6 +36,7 @@ class RestSystem {
   std::vector<double> cell_modulus_n_m_;
   std::array<Vector3, 8> volume_gradient_;
   std::array<Vector3, kDirections> unit_;
+  std::array<double, kDirections> linear_;
   Eigen::VectorXd mass_kg_;  ///< three per vertex; 0 where it does not move
 };
 

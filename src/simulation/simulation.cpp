@@ -22,6 +22,8 @@ namespace {
 constexpr double kLargestInput = 1e15;
 /// The active set is looked at every so many steps.
 constexpr std::uint64_t kReviewSteps = 8;
+/// Deformations below this share of the shortest cell edge are not followed more finely.
+constexpr double kLeastDeformation = 0.05;
 /// Rings of cells by which the frontier grows where it is pulled.
 constexpr int kGrowthRings = 2;
 /// Displacement of a half-space's surface at distance R from a force F is about 0.37 F / (E R): what a frontier there
@@ -118,8 +120,9 @@ struct Simulation::Impl {
   void adoptTopology();
   void rebuild();
   void review();
-  void growWhere(const std::vector<FrontierVertex>& frontier);
-  void rest();
+  double threshold() const;
+  void growWhere(const std::vector<FrontierVertex>& frontier, double threshold_m);
+  void rest(double threshold_m);
   void wakeCell(std::uint32_t cell);
   void wake(const Box3& rest_box_m);
   void wakeAround(const std::vector<std::uint32_t>& vertices);
@@ -277,8 +280,18 @@ void Simulation::Impl::rebuild() {
   active_changed = false;
 }
 
-void Simulation::Impl::growWhere(const std::vector<FrontierVertex>& pulled) {
-  const double threshold_m = settings.activation_threshold * model.shortest_edge_m;
+/// What counts as a move worth following: a share of the deformation that there is. A slender part answers a small pull
+/// with a large move, so the measure cannot be the cell size alone.
+double Simulation::Impl::threshold() const {
+  sync();
+  const double h = model.shortest_edge_m;
+  double squared = 0.0;
+  for (const std::uint32_t v : moving)
+    squared = std::max(squared, state.displacements_m[v].squaredNorm());
+  return settings.activation_threshold * std::min(h, std::max(kLeastDeformation * h, std::sqrt(squared)));
+}
+
+void Simulation::Impl::growWhere(const std::vector<FrontierVertex>& pulled, double threshold_m) {
   const Vector3 rings = (kGrowthRings - 0.5) * lattice->spacing_m;
   for (const FrontierVertex& vertex : pulled) {
     if (vertex.force_n.norm() <= threshold_m * vertex.stiffness_n_m)
@@ -291,8 +304,7 @@ void Simulation::Impl::growWhere(const std::vector<FrontierVertex>& pulled) {
 
 /// Cells come to rest when none of their vertices would go farther than the threshold within their lifetime, nor is
 /// pulled farther.
-void Simulation::Impl::rest() {
-  const double threshold_m = 0.5 * settings.activation_threshold * model.shortest_edge_m;
+void Simulation::Impl::rest(double threshold_m) {
   const double span_s = settings.lifetime_s;
   restless.resize(lattice->vertexCount(), 0);
   solver->forEachMoving([&](std::uint32_t v, double speed_m_s, double pull_m) {
@@ -317,9 +329,10 @@ void Simulation::Impl::review() {
     for (const std::uint32_t cell : active_cells)
       active_changed = --state.lifetimes[cell] == 0 || active_changed;
   } else if (settings.active_set == ActiveSet::kGrowth && (state.step + 1) % kReviewSteps == 0) {
-    rest();
+    const double threshold_m = threshold();
+    rest(0.5 * threshold_m);
     solver->readFrontier(frontier);
-    growWhere(frontier);
+    growWhere(frontier, threshold_m);
   }
 }
 
@@ -699,6 +712,10 @@ void Simulation::setIntegrator(Integrator integrator, double dt_s) {
   try {
     checkSettings(impl_->settings);
     impl_->chooseStep();
+    impl_->sync();
+    // A new one: what only the integrator before needed goes with the old.
+    impl_->solver = makeSolver(before.precision, *impl_->lattice, impl_->index, impl_->threads);
+    impl_->active_changed = true;
   } catch (const Error&) {
     impl_->settings = before;
     impl_->chooseStep();

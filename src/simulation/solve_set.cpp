@@ -39,6 +39,7 @@ void SolveSet<Real>::build(const SpringModel& model, const std::vector<std::uint
     for (int d = 0; d < 3; ++d)
       view_.offset[n][d] = static_cast<Real>(model.offsets_m[n][d]);
     view_.length[n] = static_cast<Real>(model.offsets_m[n].norm());
+    view_.linear[n] = static_cast<Real>(model.linear[n]);
   }
   numberVertices(model, active_cells, with_frontier);
   numberCells(model.has_volume_energy);
@@ -210,12 +211,28 @@ void SolveSet<Real>::packBlock(const SpringModel& model, std::uint32_t block, co
 }
 
 template <typename Real>
+void SolveSet<Real>::addStiffness(const std::vector<const MergedSpring*>& springs, SpringEntry& entry) {
+  entry.stiffness = static_cast<std::uint32_t>(stiffness_.size());
+  const auto of = [](const MergedSpring* spring) {
+    return spring != nullptr ? static_cast<Real>(spring->stiffness_n_m) : Real(0);
+  };
+  entry.uniform = std::all_of(springs.begin(), springs.end(),
+                              [&](const MergedSpring* spring) { return of(spring) == of(springs[0]); });
+  for (std::size_t lane = 0; lane < (entry.uniform ? 1 : springs.size()); ++lane)
+    stiffness_.push_back(of(springs[lane]));
+}
+
+template <typename Real>
 void SolveSet<Real>::addEntry(const SpringModel& model, std::uint32_t block, std::uint8_t direction,
                               const std::vector<const MergedSpring*>& springs) {
   const std::size_t size = displacement_[0].size();
   const bool edge =
       direction == 4 || direction == 10 || direction == 12 || direction == 14 || direction == 16 || direction == 22;
-  SpringEntry entry = {0, SpringEntry::kUnstretched, direction, edge, 1};
+  SpringEntry entry = {};
+  entry.stretched = SpringEntry::kUnstretched;
+  entry.direction = direction;
+  entry.edge = edge;
+  entry.contiguous = 1;
   std::int64_t first = -1;
   bool stretched = false;
   for (std::size_t lane = 0; lane < springs.size(); ++lane) {
@@ -236,8 +253,7 @@ void SolveSet<Real>::addEntry(const SpringModel& model, std::uint32_t block, std
                                                   : static_cast<std::uint32_t>(block * kLanes<Real> + lane));
     }
   }
-  for (const MergedSpring* spring : springs)
-    stiffness_.push_back(spring != nullptr ? static_cast<Real>(spring->stiffness_n_m) : Real(0));
+  addStiffness(springs, entry);
   if (stretched) {
     entry.stretched = static_cast<std::uint32_t>(stretched_.size());
     const double rest = model.offsets_m[direction].norm();
@@ -293,7 +309,10 @@ void SolveSet<Real>::packCells(const SpringModel& model) {
 template <typename Real>
 void SolveSet<Real>::packCellsOfVertices() {
   const std::size_t vertex_stride = displacement_[0].size();
-  const auto empty = static_cast<std::uint32_t>(view_.cell_stride - 1);
+  const auto place = [](std::size_t cell) {
+    return static_cast<std::uint32_t>(cell / kLanes<Real> * 24 * kLanes<Real> + cell % kLanes<Real>);
+  };
+  const std::uint32_t empty = place(view_.cell_stride - 1);
   cell_of_.assign(8 * vertex_stride, empty);
   std::array<CellCorner, 8> around;
   for (const auto* list : {&moving_, &frontier_}) {
@@ -301,7 +320,7 @@ void SolveSet<Real>::packCellsOfVertices() {
       const int count = index_->cellsOf(vertices_[v], around);
       for (int n = 0; n < count; ++n) {
         const CellCorner at = around[static_cast<std::size_t>(n)];
-        cell_of_[at.corner * vertex_stride + v] = local_cell_[at.cell];
+        cell_of_[at.corner * vertex_stride + v] = place(local_cell_[at.cell]);
       }
     }
   }

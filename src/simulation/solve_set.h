@@ -73,6 +73,7 @@ class SolveSet {
   void packBlock(const SpringModel& model, std::uint32_t block, const std::vector<VertexRow>& rows);
   void addEntry(const SpringModel& model, std::uint32_t block, std::uint8_t direction,
                 const std::vector<const MergedSpring*>& springs);
+  void addStiffness(const std::vector<const MergedSpring*>& springs, SpringEntry& entry);
   void packCells(const SpringModel& model);
   void packCellsOfVertices();
   void makeView(const SpringModel& model);

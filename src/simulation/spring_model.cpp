@@ -24,16 +24,34 @@ std::array<double, kDirections> ownedStiffness(const CellSprings& springs) {
   return stiffness;
 }
 
-MergedSpring& findSpring(VertexRow& row, std::uint8_t direction, std::uint32_t neighbour) {
-  for (int n = 0; n < row.count; ++n) {
-    MergedSpring& spring = row.springs[static_cast<std::size_t>(n)];
-    if (spring.direction == direction && spring.neighbour == neighbour)
-      return spring;
+/// Where a vertex has a spring in each direction, while its row is made; beside an incision there may be several.
+class RowBuilder {
+ public:
+  explicit RowBuilder(VertexRow& row) : row_(&row) { first_.fill(-1); }
+
+  MergedSpring& spring(std::uint8_t direction, std::uint32_t neighbour) {
+    if (first_[direction] < 0) {
+      first_[direction] = row_->count;
+      return add(direction, neighbour);
+    }
+    for (int n = first_[direction]; n < row_->count; ++n) {
+      MergedSpring& spring = row_->springs[static_cast<std::size_t>(n)];
+      if (spring.direction == direction && spring.neighbour == neighbour)
+        return spring;
+    }
+    return add(direction, neighbour);
   }
-  MergedSpring& spring = row.springs[static_cast<std::size_t>(row.count++)];
-  spring = {neighbour, direction, false, 0.0, 0.0};
-  return spring;
-}
+
+ private:
+  MergedSpring& add(std::uint8_t direction, std::uint32_t neighbour) {
+    MergedSpring& spring = row_->springs[static_cast<std::size_t>(row_->count++)];
+    spring = {neighbour, direction, false, 0.0, 0.0};
+    return spring;
+  }
+
+  VertexRow* row_;
+  std::array<int, kDirections> first_;
+};
 
 }  // namespace
 
@@ -52,12 +70,27 @@ double VertexRow::stiffness_n_m() const {
   return sum / 3.0;
 }
 
+/// The relief has the same proportion to the springs in every material.
+static std::array<double, kDirections> linearShares(const Vector3& spacing_m) {
+  const CellSprings springs = isotropicSprings({1.0, 1.0, 0.0}, spacing_m);
+  const double relief = bendingRelief(springs, spacing_m);
+  std::array<double, kDirections> shares = {};
+  for (const CornerPair& pair : kCornerPairs) {
+    const double k = springStiffness(springs, pair);
+    const double share = k > 0.0 ? relief * bendingReliefShare(pair) / k : 0.0;
+    shares[cornerDirection(pair.a, pair.b)] = share;
+    shares[cornerDirection(pair.b, pair.a)] = share;
+  }
+  return shares;
+}
+
 /// Every corner's share of the stiffness bound (twice its springs, and its part of the volume energy) over its share of
 /// the mass bounds the square of all frequencies.
-static double squaredFrequencyBound(const SpringModel::OfMaterial& material, const Vector3& h) {
+static double squaredFrequencyBound(const SpringModel::OfMaterial& material,
+                                    const std::array<double, kDirections>& linear, const Vector3& h) {
   double springs = 0.0;
   for (int c = 1; c < 8; ++c)
-    springs += material.stiffness_n_m[cornerDirection(0, c)];
+    springs += material.stiffness_n_m[cornerDirection(0, c)] * (1.0 + std::max(0.0, linear[cornerDirection(0, c)]));
   const double volume = material.volume_pa * h.prod() * 0.5 * h.cwiseInverse().squaredNorm();
   return (2.0 * springs + volume) / material.corner_mass_kg;
 }
@@ -70,9 +103,15 @@ SpringModel makeSpringModel(const Lattice& lattice, const std::vector<Material>&
   for (std::size_t d = 0; d < kDirections; ++d) {
     const std::array<int, 3> offset = directionOffset(d);
     model.offsets_m[d] = Vector3(offset[0], offset[1], offset[2]).cwiseProduct(lattice.spacing_m);
+    model.lengths_m[d] = model.offsets_m[d].norm();
   }
   const bool uniform = rule == SpringRule::kDissertation;
   model.strength_n_m = uniform ? dissertationStrength(lattice, materials) : 0.0;
+  if (!uniform)
+    model.linear = linearShares(lattice.spacing_m);
+  std::vector<std::uint8_t> used(materials.size(), 0);
+  for (const std::uint16_t m : lattice.materials)
+    used[m] = 1;
   double most = 0.0;
   for (const Material& material : materials) {
     const ElasticConstants constants = elasticConstants(material.youngs_modulus_pa, material.poisson_ratio);
@@ -80,14 +119,14 @@ SpringModel makeSpringModel(const Lattice& lattice, const std::vector<Material>&
     of.stiffness_n_m.fill(model.strength_n_m);
     if (!uniform)
       of.stiffness_n_m = ownedStiffness(isotropicSprings(constants, lattice.spacing_m));
-    of.altitude_n_m = 4.0 * 0.35 * constants.mu_pa * model.shortest_edge_m;
+    of.altitude_n_m = 2.0 * 0.35 * constants.mu_pa * model.shortest_edge_m;
     of.volume_pa = uniform || material.fixed ? 0.0 : constants.volume_pa;
     of.corner_mass_kg = material.density_kg_m3 * lattice.spacing_m.prod() / 8.0;
     of.damping_rate_per_s = uniform ? 0.0 : 2.0 * material.damping_ratio * damping_frequency_rad_s;
-    model.has_volume_energy = model.has_volume_energy || of.volume_pa > 0.0;
+    model.has_volume_energy = model.has_volume_energy || (used[model.materials.size()] && of.volume_pa > 0.0);
     model.materials.push_back(of);
-    if (!uniform && !material.fixed)
-      most = std::max(most, squaredFrequencyBound(of, lattice.spacing_m));
+    if (!uniform && !material.fixed && used[model.materials.size() - 1])
+      most = std::max(most, squaredFrequencyBound(of, model.linear, lattice.spacing_m));
   }
   model.certain_step_s = most > 0.0 ? 2.0 / std::sqrt(most) : 0.0;
   return model;
@@ -98,6 +137,7 @@ void makeRow(const Lattice& lattice, const LatticeIndex& index, const SpringMode
   row.count = 0;
   row.mass_kg = 0.0;
   double damping_kg_s = 0.0;
+  RowBuilder builder(row);
   std::array<CellCorner, 8> around;
   const int cells = index.cellsOf(vertex, around);
   for (int n = 0; n < cells; ++n) {
@@ -111,10 +151,11 @@ void makeRow(const Lattice& lattice, const LatticeIndex& index, const SpringMode
       if (c == at.corner)
         continue;
       const std::uint8_t direction = cornerDirection(at.corner, c);
-      MergedSpring& spring = findSpring(row, direction, lattice.cells[at.cell][static_cast<std::size_t>(c)]);
+      MergedSpring& spring = builder.spring(direction, lattice.cells[at.cell][static_cast<std::size_t>(c)]);
       const double k = material.stiffness_n_m[direction];
       spring.stiffness_n_m += k;
-      spring.rest_length_m += k * model.offsets_m[direction].cwiseProduct(stretch).norm();
+      spring.rest_length_m +=
+          k * (stretched ? model.offsets_m[direction].cwiseProduct(stretch).norm() : model.lengths_m[direction]);
       spring.stretched = spring.stretched || stretched;
     }
   }
@@ -123,7 +164,7 @@ void makeRow(const Lattice& lattice, const LatticeIndex& index, const SpringMode
   for (int n = 0; n < row.count; ++n) {
     MergedSpring& spring = row.springs[static_cast<std::size_t>(n)];
     spring.rest_length_m =
-        spring.stretched ? spring.rest_length_m / spring.stiffness_n_m : model.offsets_m[spring.direction].norm();
+        spring.stretched ? spring.rest_length_m / spring.stiffness_n_m : model.lengths_m[spring.direction];
     if (model.rule == SpringRule::kDissertation)
       spring.stiffness_n_m = model.strength_n_m;  // one spring, however many cells share it
   }

@@ -24,7 +24,11 @@ struct SpringModel {
   SpringRule rule = SpringRule::kIsotropic;
   double strength_n_m = 0.0;  ///< of every spring, by the dissertation's rule
   bool has_volume_energy = false;
+  /// Linear springs without rest length beside the ordinary ones, as a share of their stiffness, by direction; see
+  /// bendingRelief() in material.h. All materials have the same.
+  std::array<double, kDirections> linear = {};
   std::array<Vector3, kDirections> offsets_m;  ///< to the neighbour in each direction
+  std::array<double, kDirections> lengths_m;   ///< of these
   double shortest_edge_m = 0.0;
   /// A step of symplectic Euler that is stable for certain, from the absolute row sums of one cell; 0 where unknown.
   double certain_step_s = 0.0;

@@ -66,6 +66,21 @@ constexpr double kMaxSpacingAspect = 1.73;
 /// kMaxSpacingAspect.
 CellSprings isotropicSprings(const ElasticConstants& constants, const Vector3& spacing_m);
 
+/// What makes springs follow bending: a lattice of springs is too stiff where a cell bends or warps (a cube 2.4 times
+/// as stiff as a beam of its size). With x the corners of a cell, g = +-1 by the product of two of a corner's signs
+/// (one g for each pair of axes) and q = sum of g x, the energy
+///
+///   -(1/2) (c / 8) sum over the three g of |q|^2
+///
+/// takes part of that back. q is zero for every affine deformation and turns with the cell, so the patch test is exact
+/// as before, rigid motions cost nothing and both momenta are kept. It amounts to linear springs without rest length
+/// between corners: -c / 8 along edges and face diagonals, 3 c / 8 along body diagonals. Returns c, two thirds of the
+/// least stiffness that the springs give to any of these modes, newton per metre; the rest keeps the cell stable. The
+/// modes are those of hourglass control (Flanagan and Belytschko 1981).
+double bendingRelief(const CellSprings& springs, const Vector3& spacing_m);
+/// The linear spring between a pair of corners, in units of c.
+double bendingReliefShare(const CornerPair& pair);
+
 /// The dissertation's rule (section 4.2): one strength for every spring, however many cells share it, newton per metre.
 /// Equal springs k give a cubic lattice the modulus C11 = (13 / 3) k / h; so that it is that of the isotropic rule,
 /// k = 1.2 E h / (13 / 3) with E the mean over the cells whose material is not fixed and h the mean cell edge. Throws

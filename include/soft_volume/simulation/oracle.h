@@ -18,7 +18,8 @@ namespace soft_volume::core {
 /// lattice in space costs no digits. Nothing here is thread-safe except const functions.
 
 /// What acts inside the tissue: the 28 springs that every cell owns, and its volume energy
-/// (1/2) kappa V (J - 1)^2, J the mean of the 8 corner determinants over V, where the material has kappa > 0.
+/// (1/2) kappa V (J - 1)^2, J the mean of the 8 corner determinants over V, where the material has kappa > 0, and the
+/// bending relief (material.h).
 class OracleModel {
  public:
   /// Keeps a reference to `lattice`, which must outlive it. Rest lengths and rest volume follow the rest_stretch of cut
@@ -57,6 +58,7 @@ class OracleModel {
   std::vector<std::uint32_t> stiffness_row_;
   std::vector<std::uint32_t> length_row_;
   std::vector<double> volume_modulus_pa_;  ///< per material
+  std::vector<double> relief_n_m_;         ///< per material, bendingRelief()
 };
 
 std::vector<Vector3> oracleForces(const Lattice& lattice, const std::vector<Material>& materials,
@@ -87,7 +89,7 @@ struct OracleSettings {
 ///   before the step. All tetrahedra are tried again until none fails, because a shorter move can spoil what was right
 ///   before; after kGuardRounds tries every vertex is capped;
 /// - the velocity is that of the move made;
-/// - altitude springs of 4 k, k = 0.35 mu h, push apart corner tetrahedra thinner than 0.3 h;
+/// - altitude springs of 2 k, k = 0.35 mu h, push apart corner tetrahedra thinner than 0.3 h;
 /// - a force from outside is bounded by a quarter of h times the summed stiffness of the springs of its vertex.
 ///
 /// A tetrahedron that starts at 0.02 h or above never ends below it, to rounding. One that starts below (a state that

@@ -54,13 +54,14 @@ struct SimulationSettings {
   Precision precision = Precision::kFloat;
   /// Step of the simulation's time. 0: `dt_fraction` of the stability limit, found when the simulation is made.
   double dt_s = 0.0;
-  /// Share of the stability limit that an automatic step and a substep take.
+  /// Share of the integrator's own stability limit that an automatic step and a substep take.
   double dt_fraction = 0.6;
   /// Divide a step beyond the limit of an explicit integrator into equal substeps instead of refusing it.
   bool substeps = false;
   /// Neighbourhood: cells within this distance of a force or cut are woken; growth starts from it.
   double activation_radius_m = 0.02;
-  /// Growth: the frontier grows where, let go, it would move by more than this fraction of the shortest cell edge.
+  /// Growth: the frontier grows where, let go, it would move by more than this share of the largest displacement in the
+  /// solve, or of the shortest cell edge where that is smaller.
   double activation_threshold = 1e-3;
   /// For how long a cell stays in the solve: after the last force or cut near it (neighbourhood), after it came to rest
   /// (growth).
