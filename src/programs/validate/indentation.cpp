@@ -121,7 +121,7 @@ void plotShape(const Block& block, const Simulation& full, const Tissue& tissue_
   name << "indentation_nu" << static_cast<int>(100 * tissue_of.poisson_ratio + 0.5);
   std::vector<Vector3> drawn = full.positions();
   options.plot(name.str(), "$shape << EOD\n" + layerLines(block, drawn, 1, block.lattice.dims.y() / 2, kSpacingM) +
-                               "EOD\nset title '3x3 tool, " + nameOf(tissue_of) +
+                               "EOD\nunset key\nset title '3x3 tool, " + nameOf(tissue_of) +
                                " cells: section through the tool'\nset size ratio -1\nset xlabel 'x / h'\n"
                                "set ylabel 'z / h'\nplot $shape w l lc rgb '#2060a0' t 'whole lattice'\n");
 }
