@@ -79,13 +79,21 @@ double timoshenko(Load load) {
                             : ownWeightDeflection(beam(), BentBeam::loadPerLength(kSmallLoad));
 }
 
-/// Other resolutions are shown for comparison, as is own weight at 4: it bends the beam mostly at its clamp, where a
-/// section that cannot contract is stiffer than Timoshenko's. Extrapolated from 4 and 8 cells, the continuum itself has
-/// 0.992 of his deflection under an end load and 0.990 under own weight.
-double timoshenkoBound(int cells_across, Load load) {
-  if (cells_across == 4 && load == Load::kEnd)
-    return 0.08;
-  return cells_across == 8 ? 0.03 : kNoBound;
+/// At 4 and 8 cells what is asked of the model; at 2 and 3 half of the error that springs alone make (0.238 and 0.126).
+/// The continuum itself bends a little less than Timoshenko says, because the clamped section cannot contract.
+double timoshenkoBound(int cells_across) {
+  switch (cells_across) {
+    case 2:
+      return 0.119;
+    case 3:
+      return 0.063;
+    case 4:
+      return 0.08;
+    case 8:
+      return 0.03;
+    default:
+      return kNoBound;
+  }
 }
 
 double smallDeflection(int cells_across, Load load, const Options& options, Report& report) {
@@ -93,22 +101,21 @@ double smallDeflection(int cells_across, Load load, const Options& options, Repo
   const double ratio = bent.tip().down * beam().length_m / timoshenko(load);
   std::ostringstream name;
   name << nameOf(load) << ", " << cells_across << " across: of Timoshenko's deflection";
-  report.equal(name.str(), ratio, 1.0, timoshenkoBound(cells_across, load));
+  report.equal(name.str(), ratio, 1.0, timoshenkoBound(cells_across));
   return ratio;
 }
 
 void plotConvergence(const std::string& data, const Options& options) {
   options.plot("cantilever_error",
                "$data << EOD\n" + data +
-                   "EOD\nset title 'Cantilever 8:1, nu = 0.25: error against resolution'\n"
-                   "set logscale xy\nset xrange [0.9:10]\nset yrange [0.01:1]\nset xtics (1,2,3,4,6,8)\n"
+                   "EOD\n$bounds << EOD\n2 0.119\n3 0.063\n4 0.08\n8 0.03\nEOD\n"
+                   "set title 'Cantilever 8:1, nu = 0.25: error against resolution'\n"
+                   "set logscale xy\nset xrange [0.9:10]\nset yrange [0.005:1]\nset xtics (1,2,3,4,6,8)\n"
                    "set xlabel 'cells across'\nset ylabel 'error of the tip deflection'\n"
                    "set format y '%g'\nset key bottom left\n"
                    "plot $data index 0 u 1:2 w lp pt 7 lw 2 t 'end load', "
                    "$data index 1 u 1:2 w lp pt 5 lw 2 t 'own weight', "
-                   "1.55*x**-2 w l dt 2 lc 'gray40' t 'second order', "
-                   "'+' u (4):(0.08) w p pt 8 ps 2 lc 'red' t 'bounds', "
-                   "'+' u (8):(0.03) w p pt 8 ps 2 lc 'red' notitle\n");
+                   "$bounds w p pt 8 ps 2 lc 'red' t 'bounds'\n");
 }
 
 void smallDeflections(const std::vector<int>& resolutions, const Options& options, Report& report) {
