@@ -482,6 +482,7 @@ SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpo
   message.displacements = flatten(checkpoint.state.displacements_m);
   message.velocities = flatten(checkpoint.state.velocities_m_s);
   message.lifetimes = checkpoint.state.lifetimes;
+  message.deformation = checkpoint.state.deformation_m;
   for (const auto& force : checkpoint.state.forces)
     message.forces.push_back(toMessage(force.first, force.second));
   for (const auto& grip : checkpoint.state.grips)
@@ -513,6 +514,7 @@ core::Checkpoint fromMessage(const SimulationCheckpoint& message) {
   checkpoint.state.displacements_m = unflatten(message.displacements, "displacements");
   checkpoint.state.velocities_m_s = unflatten(message.velocities, "velocities");
   checkpoint.state.lifetimes = message.lifetimes;
+  checkpoint.state.deformation_m = message.deformation;
   for (const HeldForce& force : message.forces)
     checkpoint.state.forces[force.tool_id] = fromMessage(force);
   for (const HeldGrip& grip : message.grips)

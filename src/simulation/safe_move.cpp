@@ -12,6 +12,9 @@ namespace {
 
 /// Blocks that one thread takes at a time.
 constexpr std::size_t kChunk = 64;
+constexpr int kSweeps = 8;
+/// Widths are pushed to a little above what is allowed, so that rounding does not undo it.
+constexpr double kPushReserve = 1.01;
 constexpr int kHalvings = 2;
 /// Of the room above the least width that a vertex may use: less than half of it, by more than rounding.
 constexpr double kRoomFraction = 0.499;
@@ -29,7 +32,8 @@ void SafeMoveGuard<Real>::reset() {
 template <typename Real>
 std::size_t SafeMoveGuard<Real>::bytes() const {
   return suspicious_.capacity() + cell_touched_.capacity() + vertex_flagged_.capacity() + vertex_changed_.capacity() +
-         (cells_.capacity() + flagged_.capacity() + changed_.capacity()) * sizeof(std::uint32_t);
+         (cells_.capacity() + flagged_.capacity() + changed_.capacity() + pushed_.capacity() + failing_.capacity()) *
+             sizeof(std::uint32_t);
 }
 
 template <typename Real>
@@ -96,17 +100,75 @@ void SafeMoveGuard<Real>::findFailures(const std::vector<std::uint32_t>& cells) 
 }
 
 template <typename Real>
-void SafeMoveGuard<Real>::scaleMove(std::uint32_t vertex, double factor) {
+void SafeMoveGuard<Real>::markChanged(std::uint32_t vertex) {
   KernelView<Real>& view = set_->view();
-  Real squared = Real(0);
-  for (int d = 0; d < 3; ++d) {
-    view.move[d][vertex] *= static_cast<Real>(factor);
-    squared += view.move[d][vertex] * view.move[d][vertex];
-  }
-  view.move_squared[vertex] = squared;
+  view.move_squared[vertex] = Real(0);
+  for (int d = 0; d < 3; ++d)
+    view.move_squared[vertex] += view.move[d][vertex] * view.move[d][vertex];
   if (!vertex_changed_[vertex])
     changed_.push_back(vertex);
   vertex_changed_[vertex] = 1;
+}
+
+template <typename Real>
+void SafeMoveGuard<Real>::scaleMove(std::uint32_t vertex, double factor) {
+  for (int d = 0; d < 3; ++d)
+    set_->view().move[d][vertex] *= static_cast<Real>(factor);
+  markChanged(vertex);
+}
+
+/// Corrects the moves of the failing tetrahedra of a cell; false when none fails.
+template <typename Real>
+bool SafeMoveGuard<Real>::pushApart(std::uint32_t cell) {
+  KernelView<Real>& view = set_->view();
+  const CellCorners start = corners(cell, false);
+  bool failed = false;
+  for (int t = 0; t < 8; ++t) {
+    const CornerWidth end = cornerWidthGradient(cornerEdges(corners(cell, true), t));
+    const double start_width = cornerWidth(cornerEdges(start, t));
+    if (end.width_m >= least() || end.width_m >= start_width)
+      continue;
+    failed = true;
+    double share = 0.0;
+    for (std::size_t n = 0; n < 4; ++n) {
+      const std::uint32_t v = set_->cornerVertex(cell, kCornerTetrahedra[t][n]);
+      share += double(view.inverse_mass[v]) * end.gradient[n].squaredNorm();
+    }
+    if (share <= 0.0)
+      continue;
+    const double factor = (kPushReserve * std::min(least(), start_width) - end.width_m) / share;
+    for (std::size_t n = 0; n < 4; ++n) {
+      const std::uint32_t v = set_->cornerVertex(cell, kCornerTetrahedra[t][n]);
+      if (view.inverse_mass[v] <= Real(0))
+        continue;
+      for (int d = 0; d < 3; ++d)
+        view.move[d][v] += static_cast<Real>(factor * double(view.inverse_mass[v]) * end.gradient[n][d]);
+      markChanged(v);
+      pushed_.push_back(v);
+    }
+  }
+  return failed;
+}
+
+template <typename Real>
+void SafeMoveGuard<Real>::pushApart() {
+  for (int sweep = 0; sweep < kSweeps && !cells_.empty(); ++sweep) {
+    pushed_.clear();
+    failing_.clear();
+    for (const std::uint32_t cell : cells_) {
+      if (pushApart(cell))
+        failing_.push_back(cell);
+    }
+    cells_.clear();
+    for (const std::uint32_t cell : failing_) {
+      cell_touched_[cell] = 1;
+      cells_.push_back(cell);
+    }
+    for (const std::uint32_t v : pushed_)
+      touchCells(v);
+    for (const std::uint32_t cell : cells_)
+      cell_touched_[cell] = 0;
+  }
 }
 
 template <typename Real>
@@ -168,6 +230,7 @@ void SafeMoveGuard<Real>::capEverything() {
 template <typename Real>
 void SafeMoveGuard<Real>::repair(double dt_s, SimulationStats& stats) {
   changed_.clear();
+  pushApart();
   findFailures(cells_);
   for (int round = 0; !flagged_.empty(); ++round) {
     if (round == kRounds) {

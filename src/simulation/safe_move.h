@@ -24,12 +24,14 @@ constexpr double kEdgeFraction = 0.4;
 /// was. Starting from rest (w = h / sqrt(3) in a cube) none ever inverts, whatever the forces, grips and time step.
 /// Eight positive corner determinants do not prove that the trilinear map inside a cell is one to one everywhere.
 ///
-/// How. A tetrahedron fails when its end width is below 0.02 h and below its start width. The moves of the vertices of
-/// failing tetrahedra are halved twice, then capped at 0.499 (w - 0.02 h), w the least start width around the vertex;
-/// after each change everything that it touched is tested again. Once all four vertices of a tetrahedron are capped it
-/// cannot fail, because w changes by at most twice the longest move, so this ends; after kRounds rounds all vertices
-/// are capped at once. A lower bound of each cell's width is kept from step to step and lowered by twice the longest
-/// move of its vertices: as long as it stays above 0.02 h the cell is not looked at.
+/// How. A tetrahedron fails when its end width is below 0.02 h and below its start width. First the moves are corrected
+/// along the gradient of its width, by just what is missing and shared so that momentum stays, in a few sweeps over
+/// what fails: that stops what presses and lets what slides go on. What still fails then is halved twice, then capped
+/// at 0.499 (w - 0.02 h), w the least start width around the vertex; after each change everything that it touched is
+/// tested again. Once all four vertices of a tetrahedron are capped it cannot fail, because w changes by at most twice
+/// the longest move, so this ends; after kRounds rounds all vertices are capped at once. A lower bound of each cell's
+/// width is kept from step to step and lowered by twice the longest move of its vertices: as long as it stays above
+/// 0.02 h the cell is not looked at.
 template <typename Real>
 class SafeMoveGuard {
  public:
@@ -49,11 +51,14 @@ class SafeMoveGuard {
  private:
   double least() const;
   void findFailures(const std::vector<std::uint32_t>& cells);
+  void pushApart();
+  bool pushApart(std::uint32_t cell);
   void repair(double dt_s, SimulationStats& stats);
   void shortenFlagged(int round);
   void capEverything();
   double startRoom(std::uint32_t vertex) const;
   void limitMove(std::uint32_t vertex, double longest_m);
+  void markChanged(std::uint32_t vertex);
   void scaleMove(std::uint32_t vertex, double factor);
   void touchCells(std::uint32_t vertex);
   void finish(double dt_s, SimulationStats& stats);
@@ -63,7 +68,7 @@ class SafeMoveGuard {
   int threads_;
   std::vector<std::uint8_t> suspicious_;
   std::vector<std::uint8_t> cell_touched_, vertex_flagged_, vertex_changed_;
-  std::vector<std::uint32_t> cells_, flagged_, changed_;
+  std::vector<std::uint32_t> cells_, flagged_, changed_, pushed_, failing_;
 };
 
 }  // namespace soft_volume::core

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <optional>
 
@@ -24,6 +25,8 @@ constexpr double kLargestInput = 1e15;
 constexpr std::uint64_t kReviewSteps = 8;
 /// Deformations below this share of the shortest cell edge are not followed more finely.
 constexpr double kLeastDeformation = 0.05;
+/// In how many lifetimes a deformation that is over stops to be the measure.
+constexpr double kFadingLifetimes = 5.0;
 /// Rings of cells by which the frontier grows where it is pulled.
 constexpr int kGrowthRings = 2;
 /// Displacement of a half-space's surface at distance R from a force F is about 0.37 F / (E R): what a frontier there
@@ -77,6 +80,12 @@ double roundDown(double value) {
   return std::floor(value / unit * (1.0 + 1e-12)) * unit;
 }
 
+std::string shortText(double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.3g", value);
+  return text;
+}
+
 void checkMaterial(const Material& material) {
   const auto in = [](double value, double from, double to) { return value >= from && value <= to; };
   const std::string name = "material '" + material.name + "': ";
@@ -98,8 +107,10 @@ void checkSettings(const SimulationSettings& settings) {
     throw SceneError("dt_fraction must be in (0, 1]");
   if (!positive(settings.activation_threshold) || !positive(settings.error_tolerance))
     throw SceneError("activation_threshold and error_tolerance must be positive numbers");
-  if (!(settings.activation_radius_m >= 0.0) || !(settings.lifetime_s > 0.0))
-    throw SceneError("activation_radius_m must not be negative and lifetime_s must be positive");
+  if (!(settings.activation_radius_m >= 0.0 && settings.activation_radius_m <= kLargestInput))
+    throw SceneError("activation_radius_m must be a number of metres that is not negative");
+  if (!positive(settings.lifetime_s))
+    throw SceneError("lifetime_s must be a positive number of seconds");
   if (!usable(settings.gravity_m_s2))
     throw SceneError("gravity_m_s2 must be three finite numbers");
   for (const SurfacePressure& pressure : settings.pressures) {
@@ -120,7 +131,7 @@ struct Simulation::Impl {
   void adoptTopology();
   void rebuild();
   void review();
-  double threshold() const;
+  double threshold();
   void growWhere(const std::vector<FrontierVertex>& frontier, double threshold_m);
   void rest(double threshold_m);
   void wakeCell(std::uint32_t cell);
@@ -137,6 +148,7 @@ struct Simulation::Impl {
   double frontierError() const;
   void addAltitudeForces(const OracleModel& oracle) const;
   double altitudeEnergy(const OracleModel& oracle) const;
+  const OracleModel& oracleModel() const;
   const std::vector<Vector3>& forces() const;
   std::vector<std::uint32_t> verticesNear(const Vector3& point_m, double radius_m) const;
   void hold(const std::string& tool_id, HeldGrip grip);
@@ -167,6 +179,7 @@ struct Simulation::Impl {
   std::vector<std::array<std::uint32_t, 4>> pressed_faces;
   std::vector<double> pressed_pa;
   SimulationStats stats;
+  mutable std::unique_ptr<OracleModel> oracle;
   mutable std::vector<Vector3> forces_n;  ///< on all vertices, for forceOn()
   mutable bool forces_current = false;
 };
@@ -228,8 +241,8 @@ void Simulation::Impl::chooseStep() {
   if (limited && !as_written && settings.dt_s > factor * model.certain_step_s) {
     const double limit = factor * stabilityLimit();
     if (settings.dt_s > limit && !settings.substeps) {
-      throw SceneError("simulation.dt_s " + std::to_string(settings.dt_s) + " s is beyond the stability limit of " +
-                       std::to_string(limit) +
+      throw SceneError("simulation.dt_s " + shortText(settings.dt_s) + " s is beyond the stability limit of " +
+                       shortText(limit) +
                        " s: choose a smaller step, `dt_s: auto`, `substeps: true` or the integrator backward_euler");
     }
     if (settings.dt_s > limit)
@@ -280,15 +293,18 @@ void Simulation::Impl::rebuild() {
   active_changed = false;
 }
 
-/// What counts as a move worth following: a share of the deformation that there is. A slender part answers a small pull
-/// with a large move, so the measure cannot be the cell size alone.
-double Simulation::Impl::threshold() const {
+/// What counts as a move worth following: a share of the deformation that there is or was a moment ago. A slender part
+/// answers a small pull with a large move, so the measure cannot be the cell size alone; and the waves that a release
+/// leaves are small against what they come from.
+double Simulation::Impl::threshold() {
   sync();
   const double h = model.shortest_edge_m;
   double squared = 0.0;
   for (const std::uint32_t v : moving)
     squared = std::max(squared, state.displacements_m[v].squaredNorm());
-  return settings.activation_threshold * std::min(h, std::max(kLeastDeformation * h, std::sqrt(squared)));
+  const double kept = std::max(0.0, 1.0 - kReviewSteps * settings.dt_s / (kFadingLifetimes * settings.lifetime_s));
+  state.deformation_m = std::max(std::sqrt(squared), kept * state.deformation_m);
+  return settings.activation_threshold * std::min(h, std::max(kLeastDeformation * h, state.deformation_m));
 }
 
 void Simulation::Impl::growWhere(const std::vector<FrontierVertex>& pulled, double threshold_m) {
@@ -463,17 +479,25 @@ void Simulation::Impl::adoptTopology() {
     positions_m.push_back(positions_m[origin]);
   }
   index.refresh();
+  oracle.reset();
   pressed_faces.clear();
   pressed_pa.clear();
   findPressedFaces();
   active_changed = true;
 }
 
+/// Kept once it was asked for: tests and validation ask often, the nodes never do.
+const OracleModel& Simulation::Impl::oracleModel() const {
+  if (!oracle)
+    oracle = std::make_unique<OracleModel>(*lattice, *materials, settings.spring_rule);
+  return *oracle;
+}
+
 const std::vector<Vector3>& Simulation::Impl::forces() const {
   if (forces_current)
     return forces_n;
   sync();
-  const OracleModel oracle(*lattice, *materials, settings.spring_rule);
+  const OracleModel& oracle = oracleModel();
   forces_n.assign(lattice->vertexCount(), Vector3::Zero());
   oracle.addForces(state.displacements_m, forces_n);
   const std::vector<double> masses = oracleMasses(*lattice, *materials, settings.spring_rule);
@@ -738,18 +762,21 @@ void Simulation::restore(SimulationState state) {
   require(state.displacements_m.size() == lattice.vertexCount() &&
               state.velocities_m_s.size() == lattice.vertexCount() && state.lifetimes.size() == lattice.cellCount(),
           "the saved state belongs to another lattice: its vertex or cell count differs");
+  require(std::isfinite(state.deformation_m) && state.deformation_m >= 0.0,
+          "the saved state's largest deformation is not a number of metres");
   require(allUsable(state.displacements_m) && allUsable(state.velocities_m_s),
           "the saved state holds a displacement or velocity that is not a finite number");
   for (const auto& entry : state.forces) {
     const HeldForce& held = entry.second;
-    require(held.vertices.size() == held.weights.size() && usable(held.force_n) && allExist(held.vertices) &&
+    require(held.vertices.size() == held.weights.size() && usable(held.force_n) && usable(held.point_m) &&
+                allExist(held.vertices) &&
                 std::all_of(held.weights.begin(), held.weights.end(), [](double w) { return w >= 0.0 && w <= 1.0; }),
             "the saved state holds a force that does not fit the lattice");
   }
   for (const auto& entry : state.grips) {
     const HeldGrip& grip = entry.second;
     require(grip.vertices.size() == grip.anchors_m.size() && allUsable(grip.anchors_m) && allExist(grip.vertices) &&
-                isUsable(grip.pose),
+                isUsable(grip.pose) && usable(grip.pose.position_m),
             "the saved state holds a grip that does not fit the lattice");
   }
   for (const VertexLoad& load : state.loads)
@@ -864,7 +891,7 @@ double Simulation::mass(std::uint32_t vertex) const {
 Mechanics Simulation::mechanics() const {
   const Impl& impl = *impl_;
   const SimulationState& now = state();
-  const OracleModel oracle(*impl.lattice, *impl.materials, impl.settings.spring_rule);
+  const OracleModel& oracle = impl.oracleModel();
   Mechanics mechanics;
   mechanics.elastic_j = oracle.energy(now.displacements_m);
   if (impl.settings.safe_move == SafeMove::kWidth)

@@ -42,6 +42,8 @@ struct SimulationState {
   std::vector<Vector3> displacements_m;  ///< from rest, per vertex
   std::vector<Vector3> velocities_m_s;
   std::vector<std::uint32_t> lifetimes;     ///< per cell, steps left, 0 = asleep
+  /// Largest displacement of late, which what counts as a move worth following is measured by; fades over the lifetime.
+  double deformation_m = 0.0;
   std::map<std::string, HeldForce> forces;  ///< by tool
   std::map<std::string, HeldGrip> grips;    ///< by tool
   std::vector<VertexLoad> loads;            ///< by increasing vertex
