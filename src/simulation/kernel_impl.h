@@ -305,13 +305,18 @@ SOFT_VOLUME_INLINE Pack3<Real> corner(const KernelView<Real>& view, std::size_t 
   return {gather(from[0], index), gather(from[1], index), gather(from[2], index)};
 }
 
-/// The edge of a corner along an axis, pointing along the positive axis at rest.
+/// What displacements add to the edge of a corner along an axis, pointing along the positive axis at rest.
 template <typename Real>
-SOFT_VOLUME_INLINE Pack3<Real> cornerEdge(const KernelView<Real>& view, const Pack3<Real> (&p)[8], int c, int axis) {
+SOFT_VOLUME_INLINE Pack3<Real> edgeChange(const Pack3<Real> (&p)[8], int c, int axis) {
   const bool forward = kCornerSigns[c][axis] > 0;
   const Pack3<Real>& from = forward ? p[c] : p[kCornerEdges[c][axis]];
   const Pack3<Real>& to = forward ? p[kCornerEdges[c][axis]] : p[c];
-  Pack3<Real> edge = to - from;
+  return to - from;
+}
+
+template <typename Real>
+SOFT_VOLUME_INLINE Pack3<Real> cornerEdge(const KernelView<Real>& view, const Pack3<Real> (&p)[8], int c, int axis) {
+  Pack3<Real> edge = edgeChange<Real>(p, c, axis);
   (axis == 0 ? edge.x : axis == 1 ? edge.y : edge.z) += view.spacing[axis];
   return edge;
 }
@@ -399,24 +404,33 @@ void checkWidths(const KernelView<Real>& view, Real least, std::size_t begin, st
 
 template <typename Real>
 void volumeForces(const KernelView<Real>& view, std::size_t begin, std::size_t end) {
-  // In the order of the determinant, so that a cell at rest has exactly no force.
-  const Real volume = view.spacing[0] * (view.spacing[1] * view.spacing[2]);
+  const Pack<Real> hx = all(view.spacing[0]);
+  const Pack<Real> hy = all(view.spacing[1]);
+  const Pack<Real> hz = all(view.spacing[2]);
+  const Pack<Real> volume = hx * hy * hz;
+  const Pack<Real> zero = all(Real(0));
   for (std::size_t block = begin; block < end; ++block) {
     const std::size_t at = block * kLanes<Real>;
     Pack3<Real> p[8];
-    for (int c = 0; c < 8; ++c)
-      p[c] = corner<Real>(view, at, view.cells_contiguous[block] != 0, c, view.displacement);
-    const Pack<Real> zero = all(Real(0));
     Pack3<Real> gradient[8];
-    for (Pack3<Real>& g : gradient)
-      g = {zero, zero, zero};
+    for (int c = 0; c < 8; ++c) {
+      p[c] = corner<Real>(view, at, view.cells_contiguous[block] != 0, c, view.displacement);
+      gradient[c] = {zero, zero, zero};
+    }
     Pack<Real> sum = zero;
     for (int c = 0; c < 8; ++c) {
-      const Pack3<Real> a = cornerEdge<Real>(view, p, c, 0);
-      const Pack3<Real> b = cornerEdge<Real>(view, p, c, 1);
-      const Pack3<Real> d = cornerEdge<Real>(view, p, c, 2);
-      const Pack3<Real> normals[3] = {cross(b, d), cross(d, a), cross(a, b)};
-      sum += dot(a, normals[0]) - all(volume);
+      // With edges hx e_x + a and so on, determinant and normals are expanded in a, b and d: nothing cancels, so float
+      // loses no digits near rest.
+      const Pack3<Real> a = edgeChange<Real>(p, c, 0);
+      const Pack3<Real> b = edgeChange<Real>(p, c, 1);
+      const Pack3<Real> d = edgeChange<Real>(p, c, 2);
+      const Pack3<Real> bd = cross(b, d);
+      const Pack3<Real> da = cross(d, a);
+      const Pack3<Real> ab = cross(a, b);
+      sum += hy * hz * a.x + hz * hx * b.y + hx * hy * d.z + hx * bd.x + hy * da.y + hz * ab.z + dot(a, bd);
+      const Pack3<Real> normals[3] = {{bd.x + hy * hz + hy * d.z + hz * b.y, bd.y - hz * b.x, bd.z - hy * d.x},
+                                      {da.x - hz * a.y, da.y + hz * hx + hz * a.x + hx * d.z, da.z - hx * d.y},
+                                      {ab.x - hy * a.z, ab.y - hx * b.z, ab.z + hx * hy + hx * b.y + hy * a.x}};
       for (int axis = 0; axis < 3; ++axis) {
         const int other = kCornerEdges[c][axis];
         const Pack3<Real> n = times<Real>(all(Real(kCornerSigns[c][axis])), normals[axis]);
@@ -427,8 +441,8 @@ void volumeForces(const KernelView<Real>& view, std::size_t begin, std::size_t e
     // J = (sum + 8 V) / (8 V s), s the stretch of the rest volume; the energy 1/2 kappa V s (J - 1)^2 has the gradient
     // kappa (J - 1) / 8 times that of the sum.
     const Pack<Real> stretch = load(view.volume_stretch + at);
-    const Pack<Real> excess = sum + all(Real(8) * volume) * (all(Real(1)) - stretch);
-    const Pack<Real> pressure = load(view.volume_modulus + at) * excess / (all(Real(64) * volume) * stretch);
+    const Pack<Real> excess = sum + all(Real(8)) * volume * (all(Real(1)) - stretch);
+    const Pack<Real> pressure = load(view.volume_modulus + at) * excess / (all(Real(64)) * volume * stretch);
     for (int c = 0; c < 8; ++c) {
       Real* to = view.corner_force + 24 * at + 3 * c * kLanes<Real>;
       const Pack3<Real> force = times<Real>(zero - pressure, gradient[c]);

@@ -43,7 +43,7 @@ double SafeMoveGuard<Real>::least() const {
 }
 
 template <typename Real>
-void SafeMoveGuard<Real>::guard(double dt_s, SimulationStats& stats) {
+void SafeMoveGuard<Real>::guard(double dt_s, bool correct, SimulationStats& stats) {
   const std::size_t blocks = set_->guardedBlocks();
   const Real threshold = static_cast<Real>(least());
   parallelFor(static_cast<std::ptrdiff_t>((blocks + kChunk - 1) / kChunk), threads_, [&](std::ptrdiff_t n) {
@@ -60,7 +60,7 @@ void SafeMoveGuard<Real>::guard(double dt_s, SimulationStats& stats) {
     }
   }
   if (!cells_.empty())
-    repair(dt_s, stats);
+    repair(dt_s, correct, stats);
 }
 
 template <typename Real>
@@ -228,9 +228,10 @@ void SafeMoveGuard<Real>::capEverything() {
 }
 
 template <typename Real>
-void SafeMoveGuard<Real>::repair(double dt_s, SimulationStats& stats) {
+void SafeMoveGuard<Real>::repair(double dt_s, bool correct, SimulationStats& stats) {
   changed_.clear();
-  pushApart();
+  if (correct)
+    pushApart();
   findFailures(cells_);
   for (int round = 0; !flagged_.empty(); ++round) {
     if (round == kRounds) {

@@ -26,12 +26,13 @@ constexpr double kEdgeFraction = 0.4;
 ///
 /// How. A tetrahedron fails when its end width is below 0.02 h and below its start width. First the moves are corrected
 /// along the gradient of its width, by just what is missing and shared so that momentum stays, in a few sweeps over
-/// what fails: that stops what presses and lets what slides go on. What still fails then is halved twice, then capped
-/// at 0.499 (w - 0.02 h), w the least start width around the vertex; after each change everything that it touched is
-/// tested again. Once all four vertices of a tetrahedron are capped it cannot fail, because w changes by at most twice
-/// the longest move, so this ends; after kRounds rounds all vertices are capped at once. A lower bound of each cell's
-/// width is kept from step to step and lowered by twice the longest move of its vertices: as long as it stays above
-/// 0.02 h the cell is not looked at.
+/// what fails: that stops what presses and lets what slides go on. This is done in every other step only: some folds
+/// open by sliding, others lock by it. What still fails then is halved twice, then capped at 0.499 (w - 0.02 h), w the
+/// least start width around the vertex; after each change everything that it touched is tested again. Once all four
+/// vertices of a tetrahedron are capped it cannot fail, because w changes by at most twice the longest move, so this
+/// ends; after kRounds rounds all vertices are capped at once. A lower bound of each cell's width is kept from step to
+/// step and lowered by twice the longest move of its vertices: as long as it stays above 0.02 h the cell is not looked
+/// at.
 template <typename Real>
 class SafeMoveGuard {
  public:
@@ -42,8 +43,8 @@ class SafeMoveGuard {
 
   /// After the set was built anew.
   void reset();
-  /// Shortens the moves in the set's view, and the velocities with them.
-  void guard(double dt_s, SimulationStats& stats);
+  /// Makes the moves in the set's view safe, and the velocities with them; by shortening alone unless `correct`.
+  void guard(double dt_s, bool correct, SimulationStats& stats);
   std::size_t bytes() const;
   /// Corners of a cell before (or after) the move, relative to its corner 0 at rest, metres.
   CellCorners corners(std::uint32_t cell, bool after) const;
@@ -53,7 +54,7 @@ class SafeMoveGuard {
   void findFailures(const std::vector<std::uint32_t>& cells);
   void pushApart();
   bool pushApart(std::uint32_t cell);
-  void repair(double dt_s, SimulationStats& stats);
+  void repair(double dt_s, bool correct, SimulationStats& stats);
   void shortenFlagged(int round);
   void capEverything();
   double startRoom(std::uint32_t vertex) const;

@@ -24,7 +24,7 @@ constexpr double kLargestInput = 1e15;
 /// The active set is looked at every so many steps.
 constexpr std::uint64_t kReviewSteps = 8;
 /// Deformations below this share of the shortest cell edge are not followed more finely.
-constexpr double kLeastDeformation = 0.05;
+constexpr double kLeastDeformation = 1e-4;
 /// In how many lifetimes a deformation that is over stops to be the measure.
 constexpr double kFadingLifetimes = 5.0;
 /// Rings of cells by which the frontier grows where it is pulled.
@@ -173,6 +173,7 @@ struct Simulation::Impl {
   std::vector<std::uint32_t> moving;
   bool active_changed = true;
   std::vector<std::uint8_t> restless;  ///< per vertex, scratch of rest()
+  std::vector<VertexMotion> motion;
   std::vector<FrontierVertex> frontier;
 
   OuterActions actions;
@@ -323,9 +324,9 @@ void Simulation::Impl::growWhere(const std::vector<FrontierVertex>& pulled, doub
 void Simulation::Impl::rest(double threshold_m) {
   const double span_s = settings.lifetime_s;
   restless.resize(lattice->vertexCount(), 0);
-  solver->forEachMoving([&](std::uint32_t v, double speed_m_s, double pull_m) {
-    restless[v] = speed_m_s * span_s > threshold_m || pull_m > threshold_m ? 1 : 0;
-  });
+  solver->readMotion(motion);
+  for (const VertexMotion& vertex : motion)
+    restless[vertex.vertex] = vertex.speed_m_s * span_s > threshold_m || vertex.pull_m > threshold_m ? 1 : 0;
   for (const std::uint32_t cell : active_cells) {
     const auto& vertices = lattice->cells[cell];
     std::uint32_t& lifetime = state.lifetimes[cell];
@@ -427,17 +428,20 @@ void Simulation::Impl::addPressures() {
 
 void Simulation::Impl::gatherTargets() {
   actions.targets.clear();
+  std::uint32_t order = 0;
   for (const auto& entry : state.grips) {
     const HeldGrip& grip = entry.second;
     for (std::size_t n = 0; n < grip.vertices.size(); ++n) {
       const std::uint32_t v = grip.vertices[n];
-      actions.targets.push_back({v, grip.pose * grip.anchors_m[n] - lattice->rest_positions[v]});
+      actions.targets.push_back({v, order, grip.pose * grip.anchors_m[n] - lattice->rest_positions[v]});
     }
+    ++order;
   }
   // Where two grips hold a vertex, the first one by name has it.
-  const auto before = [](const Target& a, const Target& b) { return a.vertex < b.vertex; };
+  std::sort(actions.targets.begin(), actions.targets.end(), [](const Target& a, const Target& b) {
+    return a.vertex != b.vertex ? a.vertex < b.vertex : a.order < b.order;
+  });
   const auto same = [](const Target& a, const Target& b) { return a.vertex == b.vertex; };
-  std::stable_sort(actions.targets.begin(), actions.targets.end(), before);
   actions.targets.erase(std::unique(actions.targets.begin(), actions.targets.end(), same), actions.targets.end());
 }
 
@@ -715,6 +719,7 @@ void Simulation::step() {
   if (impl.active_changed)
     impl.rebuild();
   impl.gatherActions();
+  impl.actions.step = impl.state.step;
   const double part_s = impl.settings.dt_s / impl.substeps;
   for (int n = 0; n < impl.substeps; ++n) {
     impl.solver->step(impl.settings, part_s, impl.actions, impl.stats);
@@ -918,8 +923,8 @@ std::vector<MemoryUse> Simulation::memory() const {
                                   bytes(lattice.cell_at) + impl.index.bytes()});
   table.push_back({"state", bytes(impl.state.displacements_m) + bytes(impl.state.velocities_m_s) +
                                 bytes(impl.state.lifetimes) + bytes(impl.positions_m)});
-  table.push_back(
-      {"active set", bytes(impl.active_cells) + bytes(impl.moving) + bytes(impl.restless) + bytes(impl.frontier)});
+  table.push_back({"active set", bytes(impl.active_cells) + bytes(impl.moving) + bytes(impl.restless) +
+                                     bytes(impl.motion) + bytes(impl.frontier)});
   impl.solver->addMemory(table);
   return table;
 }

@@ -17,6 +17,8 @@ namespace {
 constexpr std::size_t kChunk = 32;
 /// Fewer are done sooner by one thread than several have met.
 constexpr std::size_t kParallelVertices = 4096;
+/// The guard corrects moves in every so many steps.
+constexpr std::uint64_t kCorrectEvery = 2;
 /// Two neighbours may not come closer than this fraction of the shortest edge in the dissertation's rule.
 constexpr double kEpsilon = 1e-3;
 /// A vertex takes at most this force, in units of its springs' summed stiffness times the shortest edge: 1.8 E h^2
@@ -45,7 +47,7 @@ class PackedSolver final : public Solver {
   void step(const SimulationSettings& settings, double dt_s, const OuterActions& actions,
             SimulationStats& stats) override;
   void readFrontier(std::vector<FrontierVertex>& frontier) override;
-  void forEachMoving(const std::function<void(std::uint32_t, double, double)>& visit) const override;
+  void readMotion(std::vector<VertexMotion>& motion) const override;
   std::vector<std::uint32_t> movingVertices() const override;
   void addMemory(std::vector<MemoryUse>& table) const override;
 
@@ -112,6 +114,7 @@ class PackedSolver final : public Solver {
   std::vector<double> mass_bound_;       ///< quasi-static: stiffness that the mass floor answers
   Arrays start_, start_velocity_, sum_, velocity_sum_, coarse_, adaptive_start_, adaptive_velocity_;
   std::vector<std::uint64_t> limited_;  ///< per chunk of blocks
+  std::uint64_t step_ = 0;
   bool masses_changed_ = true;
   double mass_dt_s_ = 0.0;
   bool mass_floor_ = false;
@@ -401,7 +404,7 @@ void PackedSolver<Real>::leadTargets(const AdvanceRule<Real>& rule) {
 template <typename Real>
 void PackedSolver<Real>::finishMove(const SimulationSettings& settings, double dt_s, SimulationStats& stats) {
   if (settings.safe_move == SafeMove::kWidth)
-    guard_.guard(dt_s, stats);
+    guard_.guard(dt_s, step_ % kCorrectEvery == 0, stats);
   overBlocks(set_.movingBlocks().size(), [&](std::size_t begin, std::size_t end) {
     kernel_->apply(set_.view(), set_.movingBlocks().data(), begin, end);
   });
@@ -782,6 +785,7 @@ void PackedSolver<Real>::unfoldStep(const SimulationSettings& settings, double d
 template <typename Real>
 void PackedSolver<Real>::step(const SimulationSettings& settings, double dt_s, const OuterActions& actions,
                               SimulationStats& stats) {
+  step_ = actions.step;
   takeActions(settings, actions, stats);
   if (settings.safe_move == SafeMove::kWidth)
     findStressedCells();
@@ -832,13 +836,14 @@ std::vector<std::uint32_t> PackedSolver<Real>::movingVertices() const {
 }
 
 template <typename Real>
-void PackedSolver<Real>::forEachMoving(const std::function<void(std::uint32_t, double, double)>& visit) const {
+void PackedSolver<Real>::readMotion(std::vector<VertexMotion>& motion) const {
+  motion.clear();
   const KernelView<Real>& view = set_.view();
   for (const std::uint32_t v : set_.moving()) {
     const Vector3 velocity(view.velocity[0][v], view.velocity[1][v], view.velocity[2][v]);
     const Vector3 force(view.force[0][v], view.force[1][v], view.force[2][v]);
     const bool free = view.inverse_mass[v] > Real(0);
-    visit(set_.globalVertex(v), velocity.norm(), free ? force.norm() / set_.stiffness(v) : 0.0);
+    motion.push_back({set_.globalVertex(v), velocity.norm(), free ? force.norm() / set_.stiffness(v) : 0.0});
   }
 }
 

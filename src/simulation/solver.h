@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <vector>
 
@@ -13,11 +12,13 @@ namespace soft_volume::core {
 /// Where a grip wants a vertex.
 struct Target {
   std::uint32_t vertex;
+  std::uint32_t order;  ///< of the grip among all grips
   Vector3 displacement_m;
 };
 
 /// What acts on the tissue from outside in a step. The vertices are the lattice's.
 struct OuterActions {
+  std::uint64_t step = 0;         ///< steps done before this one
   std::vector<VertexLoad> loads;  ///< several may name one vertex
   std::vector<Target> targets;    ///< by increasing vertex
   bool loads_changed = true;      ///< since the last step
@@ -28,6 +29,13 @@ struct FrontierVertex {
   std::uint32_t vertex;  ///< the lattice's
   Vector3 force_n;       ///< that acts on it and would move it
   double stiffness_n_m;  ///< of its springs, averaged over directions
+};
+
+/// What keeps a vertex from being at rest.
+struct VertexMotion {
+  std::uint32_t vertex;  ///< the lattice's
+  double speed_m_s;
+  double pull_m;  ///< force over stiffness
 };
 
 /// What moves the active part of a lattice, in one precision. Not thread-safe; step() allocates nothing in explicit
@@ -45,8 +53,8 @@ class Solver {
                     SimulationStats& stats) = 0;
   /// The frontier at the present state.
   virtual void readFrontier(std::vector<FrontierVertex>& frontier) = 0;
-  /// For each vertex in the solve calls visit(lattice vertex, speed in m/s, |force| / stiffness in m) after a step.
-  virtual void forEachMoving(const std::function<void(std::uint32_t, double, double)>& visit) const = 0;
+  /// The vertices in the solve after a step.
+  virtual void readMotion(std::vector<VertexMotion>& motion) const = 0;
   /// The lattice vertices in the solve, increasing.
   virtual std::vector<std::uint32_t> movingVertices() const = 0;
   virtual void addMemory(std::vector<MemoryUse>& table) const = 0;
