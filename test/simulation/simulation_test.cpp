@@ -513,6 +513,8 @@ TEST(Simulation, RefusesAStateThatDoesNotFit) {
       {"a huge displacement", [](SimulationState& s) { s.displacements_m[3].y() = 1e38; }},
       {"an infinite velocity", [](SimulationState& s) { s.velocities_m_s[3].y() = INFINITY; }},
       {"a huge velocity", [](SimulationState& s) { s.velocities_m_s[3].y() = -1e38; }},
+      {"a deformation that is NaN", [](SimulationState& s) { s.deformation_m = NAN; }},
+      {"a negative deformation", [](SimulationState& s) { s.deformation_m = -1.0; }},
       {"a force on a vertex that is not", [](SimulationState& s) { s.forces["x"].vertices[0] = 999; }},
       {"a force without its weight", [](SimulationState& s) { s.forces["x"].weights.pop_back(); }},
       {"a negative weight", [](SimulationState& s) { s.forces["x"].weights[0] = -0.1; }},
