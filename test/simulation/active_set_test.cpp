@@ -30,8 +30,8 @@ struct Slab {
   double dent(const Simulation& simulation) const { return -simulation.state().displacements_m[middle].z(); }
   double settledDent() const {
     Simulation simulation = push(wholeLattice());
-    run(simulation, 800);
-    EXPECT_LT(simulation.maxSpeed(), 1e-6);
+    run(simulation, 400);
+    EXPECT_LT(simulation.maxSpeed(), 1e-5);  // 1e-3 h in a second
     return dent(simulation);
   }
 };
@@ -51,13 +51,13 @@ int stepsToSleep(Simulation& simulation) {
 TEST(GrowthTest, ALocalPushWakesAPartAndIsNearlyAsDeepAsWithAll) {
   for (const double poisson_ratio : {0.25, 0.4}) {
     SCOPED_TRACE(poisson_ratio);
-    const Slab slab(18, 9, poisson_ratio);
+    const Slab slab(16, 8, poisson_ratio);
     const double expected = slab.settledDent();
     SimulationSettings settings;
     settings.activation_threshold = 1e-2;
     Simulation simulation = slab.push(settings);
     std::size_t most = 0;
-    for (int n = 0; n < 500; ++n) {
+    for (int n = 0; n < 300; ++n) {
       simulation.step();
       most = std::max(most, simulation.activeCells());
     }
@@ -141,7 +141,7 @@ TEST(GrowthTest, FallingAsleepAndWakingUnderLoadChangesNoForceAbruptly) {
     settings.activation_radius_m = 2.0 * kH;
     settings.lifetime_s = 0.25;
     Simulation simulation = slab.push(settings);
-    run(simulation, 150);
+    run(simulation, 220);
     ASSERT_GT(simulation.activeCells(), 0U);
     Vector3 before = reaction(simulation);
     EXPECT_NEAR(before.z() / kPush, 1.0, 0.05);
@@ -229,16 +229,16 @@ TEST(NeighbourhoodTest, CellsNearAForceAreInTheSolveForTheirLifetime) {
 
 TEST(NeighbourhoodTest, TheErrorThatIsReportedIsOfTheSizeOfTheErrorMade) {
   for (const double poisson_ratio : {0.25, 0.4}) {
-    const Slab slab(14, 9, poisson_ratio);
+    const Slab slab(12, 8, poisson_ratio);
     const double expected = slab.settledDent();
-    for (const double radius : {1.6, 2.1, 3.1}) {
+    for (const double radius : {1.6, 3.1}) {
       SCOPED_TRACE("nu " + std::to_string(poisson_ratio) + ", radius " + std::to_string(radius) + " h");
       SimulationSettings settings;
       settings.active_set = ActiveSet::kNeighbourhood;
       settings.activation_radius_m = radius * kH;
       settings.lifetime_s = 100.0;
       Simulation simulation = slab.push(settings);
-      run(simulation, 500);
+      run(simulation, 300);
       const double error_m = expected - slab.dent(simulation);
       EXPECT_GT(error_m, 0.0);  // what is held back is too stiff
       // An estimate from a half-space: within a factor of three.
@@ -265,11 +265,12 @@ TEST(WholeLatticeTest, IsAlwaysInTheSolveAndHasNoFrontier) {
 
 TEST(WakeTest, TakesTheCellsAroundABoxOfRestPlaces) {
   const Lattice lattice = makeBlock(10, 10, 10, kH);
-  const std::vector<Material> materials = oneMaterial(kModulus, 1.0);
+  const std::vector<Material> materials = oneMaterial(kModulus);
   for (const ActiveSet active_set : {ActiveSet::kGrowth, ActiveSet::kNeighbourhood}) {
     SimulationSettings settings;
     settings.active_set = active_set;
     settings.activation_radius_m = 0.9 * kH;
+    settings.dt_s = 1e-4;
     Simulation simulation(lattice, materials, settings, 1);
     simulation.wake(Box3(Vector3(4.5, 4.5, 0.5) * kH, Vector3(5.5, 4.5, 0.5) * kH));
     simulation.step();

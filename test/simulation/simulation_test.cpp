@@ -121,25 +121,28 @@ TEST(Simulation, MassIsThatOfTheMaterials) {
 TEST(SimulationThreads, GiveTheSameBitsWhateverTheirNumber) {
   const Lattice lattice = standing(makeBlock(18, 18, 15, kH));
   ASSERT_GT(lattice.vertexCount(), 5000U);
-  for (const auto& precision : kChoices<Precision>) {
-    for (const Integrator integrator :
-         {Integrator::kSymplecticEuler, Integrator::kRungeKutta4, Integrator::kBackwardEuler}) {
-      SCOPED_TRACE(std::string(precision.name) + " " + nameOf(integrator));
-      // Undamped and with a given step nothing needs to be found before the first step.
-      const std::vector<Material> materials = oneMaterial(kModulus, 0.0, 0.3);
-      SimulationSettings settings = wholeLattice(precision.choice, integrator);
-      settings.dt_s = integrator == Integrator::kBackwardEuler ? 2e-3 : 4e-4;
-      const auto hashAfterSteps = [&](int threads) {
-        Simulation simulation(lattice, materials, settings, threads);
-        simulation.holdForce("a", Vector3(1.0, 0.3, -3.0), Vector3(6, 6, 15) * kH, 2.2 * kH, 150);
-        simulation.holdForce("b", Vector3(-9.0, 0.0, 0.1), Vector3(18, 9, 9) * kH, 2.2 * kH, 6);
-        run(simulation, integrator == Integrator::kBackwardEuler ? 1 : 10);
-        return simulation.stateHash();
-      };
-      const std::uint64_t one = hashAfterSteps(1);
-      for (const int threads : {2, 8, 1})
-        EXPECT_EQ(hashAfterSteps(threads), one) << threads << " threads";
-    }
+  // Undamped and with a given step nothing needs to be found before the first step.
+  const std::vector<Material> materials = oneMaterial(kModulus, 0.0, 0.3);
+  const std::vector<std::pair<Integrator, Precision>> kinds = {{Integrator::kSymplecticEuler, Precision::kFloat},
+                                                               {Integrator::kSymplecticEuler, Precision::kDouble},
+                                                               {Integrator::kRungeKutta4, Precision::kFloat},
+                                                               {Integrator::kBackwardEuler, Precision::kDouble}};
+  for (const auto& kind : kinds) {
+    SCOPED_TRACE(nameOf(kind.first));
+    const bool implicit = kind.first == Integrator::kBackwardEuler;
+    SimulationSettings settings = wholeLattice(kind.second, kind.first);
+    settings.dt_s = implicit ? 2e-3 : 4e-4;
+    const auto hashAfterSteps = [&](int threads) {
+      Simulation simulation(lattice, materials, settings, threads);
+      simulation.holdForce("a", Vector3(1.0, 0.3, -3.0), Vector3(6, 6, 15) * kH, 2.2 * kH, 150);
+      simulation.holdForce("b", Vector3(-9.0, 0.0, 0.1), Vector3(18, 9, 9) * kH, 2.2 * kH, 3);
+      run(simulation, implicit ? 1 : 6);
+      return simulation.stateHash();
+    };
+    const std::uint64_t one = hashAfterSteps(1);
+    EXPECT_EQ(hashAfterSteps(2), one);
+    EXPECT_EQ(hashAfterSteps(8), one);
+    EXPECT_EQ(hashAfterSteps(1), one);
   }
 }
 
@@ -171,7 +174,7 @@ TEST(SimulationThreads, GiveTheSameBitsWhileTheActiveSetChanges) {
 }
 
 TEST(Simulation, ContinuesBitExactlyFromAStateSavedAtAnyStep) {
-  const Lattice lattice = standing(makeBlock(6, 6, 6, kH));
+  const Lattice lattice = standing(makeBlock(5, 5, 5, kH));
   const std::vector<Material> materials = oneMaterial(kModulus, 0.5);
   for (const auto& active_set : kChoices<ActiveSet>) {
     SCOPED_TRACE(active_set.name);
@@ -185,18 +188,18 @@ TEST(Simulation, ContinuesBitExactlyFromAStateSavedAtAnyStep) {
     // Cells wake, overlap and fall asleep at different steps, so that a save falls on every kind of change.
     for (int n = 0; n < 100; ++n) {
       if (n == 5)
-        whole.holdForce("a", Vector3(0.1, 0.2, -0.8), Vector3(2, 3, 6) * kH, 2 * kH, 25);
+        whole.holdForce("a", Vector3(0.1, 0.2, -0.8), Vector3(2, 3, 5) * kH, 2 * kH, 25);
       if (n == 20)
-        whole.holdForce("b", Vector3(0.0, 0.2, -0.3), Vector3(5, 3, 6) * kH, 2 * kH, 60);
+        whole.holdForce("b", Vector3(0.0, 0.2, -0.3), Vector3(4, 3, 5) * kH, 2 * kH, 60);
       if (n == 30)
-        whole.closeGrip("c", Vector3(1, 1, 6) * kH, 1.1 * kH, {Vector3(0, 0, -kH), Quaternion::Identity()}, 50);
+        whole.closeGrip("c", Vector3(1, 1, 5) * kH, 1.1 * kH, {Vector3(0, 0, -kH), Quaternion::Identity()}, 50);
       if (n == 31)
         whole.moveGrip("c", {Vector3(0, 0, -0.5 * kH), Quaternion::Identity()}, 50);
       saved.push_back(whole.state());
       whole.step();
       hashes.push_back(whole.stateHash());
     }
-    for (std::size_t from = 31; from < saved.size(); from += 5) {
+    for (std::size_t from = 31; from < saved.size(); from += 9) {
       Simulation continued(lattice, materials, settings, 1);
       continued.restore(saved[from]);
       if (from == 31)
