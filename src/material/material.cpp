@@ -38,7 +38,7 @@ double bodyParameter(const Vector3& squared) {
 }
 
 /// Share of their stiffness against hourglass modes that springs give up.
-constexpr double kBendingRelief = 2.0 / 3.0;
+constexpr double kBendingRelief = 0.5;
 
 /// Mode n is the product of a corner's signs along the two axes other than n.
 double hourglassSign(int corner, int mode) {

@@ -15,7 +15,7 @@ constexpr double kMoveCap = 0.5;              // of h
 constexpr double kLeastWidth = 0.02;          // of h
 constexpr double kWidthFraction = 0.499;      // of the width above the least that a capped vertex may move
 constexpr double kAltitudeLimit = 0.3;        // of h
-constexpr double kAltitudeStiffness = 2.0;    // of k
+constexpr double kAltitudeStiffness = 4.0;    // of k
 constexpr double kCubicEdgeStiffness = 0.35;  // k / (mu h), the edge of a cubic cell
 constexpr double kForceBound = 0.25;          // of h times the stiffness of a vertex's springs
 constexpr int kHalvings = 2;                  // before a move is capped
@@ -192,18 +192,22 @@ CellCorners OracleModel::corners(std::size_t cell, const std::vector<Vector3>& d
   return corners;
 }
 
+void OracleModel::addCellForces(std::size_t cell, const std::vector<Vector3>& displacements_m,
+                                std::vector<Vector3>& forces_n) const {
+  const CellCorners here = corners(cell, displacements_m);
+  CellCorners forces = noForces();
+  addSpringForces(here, stiffness_n_m_[stiffness_row_[cell]], rest_length_m_[length_row_[cell]], forces);
+  addReliefForces(here, relief_n_m_[lattice_->materials[cell]], forces);
+  const Volume rest = volume(cell);
+  if (rest.modulus_pa > 0.0)
+    addVolumeForces(here, rest.modulus_pa, rest.rest_m3, forces);
+  for (int c = 0; c < 8; ++c)
+    forces_n[lattice_->cells[cell][c]] += forces[c];
+}
+
 void OracleModel::addForces(const std::vector<Vector3>& displacements_m, std::vector<Vector3>& forces_n) const {
-  for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
-    const CellCorners here = corners(cell, displacements_m);
-    CellCorners forces = noForces();
-    addSpringForces(here, stiffness_n_m_[stiffness_row_[cell]], rest_length_m_[length_row_[cell]], forces);
-    addReliefForces(here, relief_n_m_[lattice_->materials[cell]], forces);
-    const Volume rest = volume(cell);
-    if (rest.modulus_pa > 0.0)
-      addVolumeForces(here, rest.modulus_pa, rest.rest_m3, forces);
-    for (int c = 0; c < 8; ++c)
-      forces_n[lattice_->cells[cell][c]] += forces[c];
-  }
+  for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell)
+    addCellForces(cell, displacements_m, forces_n);
 }
 
 double OracleModel::energy(const std::vector<Vector3>& displacements_m) const {

@@ -26,8 +26,9 @@ constexpr double kEdgeFraction = 0.4;
 ///
 /// How. A tetrahedron fails when its end width is below 0.02 h and below its start width. First the moves are corrected
 /// along the gradient of its width, by just what is missing and shared so that momentum stays, in a few sweeps over
-/// what fails: that stops what presses and lets what slides go on. This is done in every other step only: some folds
-/// open by sliding, others lock by it. What still fails then is halved twice, then capped at 0.499 (w - 0.02 h), w the
+/// what fails: that stops what presses and lets what slides go on. This is done in every fourth step only (some folds
+/// open by sliding, others lock by it), and never while something is gripped, because it would push tissue out of the
+/// way of a plate that has to wait. What still fails then is halved twice, then capped at 0.499 (w - 0.02 h), w the
 /// least start width around the vertex; after each change everything that it touched is tested again. Once all four
 /// vertices of a tetrahedron are capped it cannot fail, because w changes by at most twice the longest move, so this
 /// ends; after kRounds rounds all vertices are capped at once. A lower bound of each cell's width is kept from step to

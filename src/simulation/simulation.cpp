@@ -32,8 +32,6 @@ constexpr int kGrowthRings = 2;
 /// Displacement of a half-space's surface at distance R from a force F is about 0.37 F / (E R): what a frontier there
 /// holds back.
 constexpr double kHalfSpaceYield = 0.37;
-/// Stiffness of an inner vertex, averaged over directions, is 2.4 E h.
-constexpr double kStiffnessPerModulus = 2.4;
 
 bool usable(const Vector3& v) {
   return isFinite(v) && v.cwiseAbs().maxCoeff() <= kLargestInput;
@@ -353,22 +351,40 @@ void Simulation::Impl::review() {
   }
 }
 
+/// Summed over everything that is held where it is, not only at the frontier of today: what went to sleep may still
+/// lean on what never moved.
 double Simulation::Impl::frontierError() const {
-  if (!keepsLifetimes() || moving.empty())
+  if (!keepsLifetimes())
     return 0.0;
-  std::vector<FrontierVertex> held;
-  solver->readFrontier(held);
-  Vector3 force = Vector3::Zero();
-  double stiffness = 0.0;
-  for (const FrontierVertex& vertex : held) {
-    force += vertex.force_n;
-    stiffness += vertex.stiffness_n_m / double(held.size());
+  sync();
+  std::vector<Vector3> held_n(lattice->vertexCount(), Vector3::Zero());
+  std::vector<std::uint8_t> deformed(lattice->vertexCount(), 0);
+  double modulus_pa = 0.0;
+  std::size_t cells = 0;
+  for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
+    const auto& vertices = lattice->cells[cell];
+    if (std::all_of(vertices.begin(), vertices.end(),
+                    [this](std::uint32_t v) { return state.displacements_m[v].isZero(0.0); }))
+      continue;
+    oracleModel().addCellForces(cell, state.displacements_m, held_n);
+    modulus_pa += (*materials)[lattice->materials[cell]].youngs_modulus_pa;
+    ++cells;
+    for (const std::uint32_t v : vertices)
+      deformed[v] = 1;
   }
-  if (held.empty())
+  for (const VertexLoad& load : actions.loads)
+    held_n[load.vertex] += load.force_n;
+  for (const std::uint32_t v : moving)
+    deformed[v] = 0;
+  Vector3 force = Vector3::Zero();
+  for (std::uint32_t v = 0; v < lattice->vertexCount(); ++v) {
+    if (deformed[v] && !isFixed(*lattice, settings.spring_rule, v))
+      force += held_n[v];
+  }
+  if (cells == 0)
     return 0.0;
-  const double h = std::cbrt(lattice->spacing_m.prod());
-  const double radius_m = h * std::cbrt(1.5 / M_PI * double(moving.size()));
-  return kHalfSpaceYield * force.norm() / (stiffness / (kStiffnessPerModulus * h) * radius_m);
+  const double radius_m = std::cbrt(1.5 / M_PI * double(cells) * lattice->spacing_m.prod());
+  return kHalfSpaceYield * force.norm() / (modulus_pa / double(cells) * radius_m);
 }
 
 // --- what acts from outside

@@ -18,7 +18,7 @@ constexpr std::size_t kChunk = 32;
 /// Fewer are done sooner by one thread than several have met.
 constexpr std::size_t kParallelVertices = 4096;
 /// The guard corrects moves in every so many steps.
-constexpr std::uint64_t kCorrectEvery = 2;
+constexpr std::uint64_t kCorrectEvery = 4;
 /// Two neighbours may not come closer than this fraction of the shortest edge in the dissertation's rule.
 constexpr double kEpsilon = 1e-3;
 /// A vertex takes at most this force, in units of its springs' summed stiffness times the shortest edge: 1.8 E h^2
@@ -404,7 +404,7 @@ void PackedSolver<Real>::leadTargets(const AdvanceRule<Real>& rule) {
 template <typename Real>
 void PackedSolver<Real>::finishMove(const SimulationSettings& settings, double dt_s, SimulationStats& stats) {
   if (settings.safe_move == SafeMove::kWidth)
-    guard_.guard(dt_s, step_ % kCorrectEvery == 0, stats);
+    guard_.guard(dt_s, targets_.empty() && step_ % kCorrectEvery == 0, stats);
   overBlocks(set_.movingBlocks().size(), [&](std::size_t begin, std::size_t end) {
     kernel_->apply(set_.view(), set_.movingBlocks().data(), begin, end);
   });

@@ -119,7 +119,7 @@ SpringModel makeSpringModel(const Lattice& lattice, const std::vector<Material>&
     of.stiffness_n_m.fill(model.strength_n_m);
     if (!uniform)
       of.stiffness_n_m = ownedStiffness(isotropicSprings(constants, lattice.spacing_m));
-    of.altitude_n_m = 2.0 * 0.35 * constants.mu_pa * model.shortest_edge_m;
+    of.altitude_n_m = 4.0 * 0.35 * constants.mu_pa * model.shortest_edge_m;
     of.volume_pa = uniform || material.fixed ? 0.0 : constants.volume_pa;
     of.corner_mass_kg = material.density_kg_m3 * lattice.spacing_m.prod() / 8.0;
     of.damping_rate_per_s = uniform ? 0.0 : 2.0 * material.damping_ratio * damping_frequency_rad_s;

@@ -74,8 +74,8 @@ CellSprings isotropicSprings(const ElasticConstants& constants, const Vector3& s
 ///
 /// takes part of that back. q is zero for every affine deformation and turns with the cell, so the patch test is exact
 /// as before, rigid motions cost nothing and both momenta are kept. It amounts to linear springs without rest length
-/// between corners: -c / 8 along edges and face diagonals, 3 c / 8 along body diagonals. Returns c, two thirds of the
-/// least stiffness that the springs give to any of these modes, newton per metre; the rest keeps the cell stable. The
+/// between corners: -c / 8 along edges and face diagonals, 3 c / 8 along body diagonals. Returns c, half of the least
+/// stiffness that the springs give to any of these modes, newton per metre; the rest keeps the cell stable. The
 /// modes are those of hourglass control (Flanagan and Belytschko 1981).
 double bendingRelief(const CellSprings& springs, const Vector3& spacing_m);
 /// The linear spring between a pair of corners, in units of c.

@@ -30,6 +30,9 @@ class OracleModel {
 
   /// Adds the forces on all vertices, fixed ones included, newton.
   void addForces(const std::vector<Vector3>& displacements_m, std::vector<Vector3>& forces_n) const;
+  /// The same for one cell.
+  void addCellForces(std::size_t cell, const std::vector<Vector3>& displacements_m,
+                     std::vector<Vector3>& forces_n) const;
   /// Elastic energy, joule.
   double energy(const std::vector<Vector3>& displacements_m) const;
   /// Deformed corners of a cell relative to its corner 0 at rest.
@@ -89,7 +92,7 @@ struct OracleSettings {
 ///   before the step. All tetrahedra are tried again until none fails, because a shorter move can spoil what was right
 ///   before; after kGuardRounds tries every vertex is capped;
 /// - the velocity is that of the move made;
-/// - altitude springs of 2 k, k = 0.35 mu h, push apart corner tetrahedra thinner than 0.3 h;
+/// - altitude springs of 4 k, k = 0.35 mu h, push apart corner tetrahedra thinner than 0.3 h;
 /// - a force from outside is bounded by a quarter of h times the summed stiffness of the springs of its vertex.
 ///
 /// A tetrahedron that starts at 0.02 h or above never ends below it, to rounding. One that starts below (a state that

@@ -62,7 +62,7 @@ struct SimulationSettings {
   double activation_radius_m = 0.02;
   /// Growth: the frontier grows where, let go, it would move by more than this share of the largest displacement in the
   /// solve, or of the shortest cell edge where that is smaller.
-  double activation_threshold = 5e-3;
+  double activation_threshold = 3e-3;
   /// For how long a cell stays in the solve: after the last force or cut near it (neighbourhood), after it came to rest
   /// (growth).
   double lifetime_s = 0.3;

@@ -41,7 +41,7 @@ struct SimulationState {
   std::uint64_t step = 0;
   std::vector<Vector3> displacements_m;  ///< from rest, per vertex
   std::vector<Vector3> velocities_m_s;
-  std::vector<std::uint32_t> lifetimes;     ///< per cell, steps left, 0 = asleep
+  std::vector<std::uint32_t> lifetimes;  ///< per cell, steps left, 0 = asleep
   /// Largest displacement of late, which what counts as a move worth following is measured by; fades over the lifetime.
   double deformation_m = 0.0;
   std::map<std::string, HeldForce> forces;  ///< by tool
