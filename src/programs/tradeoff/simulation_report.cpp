@@ -120,8 +120,9 @@ const SweepResult* presetOn(const SceneResults& scene, const std::string& preset
 
 /// The setting that every lattice was tried with.
 bool isLine(const SimulationSettings& s, Precision precision, ActiveSet active_set) {
+  const bool usual_threshold = s.activation_threshold == SimulationSettings().activation_threshold;
   return sameSettings(s, Integrator::kSymplecticEuler, 0.9) && s.precision == precision && s.active_set == active_set &&
-         std::abs(s.activation_threshold - 1e-3) < 1e-9;
+         (usual_threshold || active_set != ActiveSet::kGrowth);
 }
 
 /// Symplectic Euler at 0.9 of the limit on every lattice, coarse to fine.

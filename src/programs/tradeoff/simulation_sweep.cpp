@@ -269,11 +269,11 @@ bool isUsual(const SimulationSettings& settings) {
 /// A setting with every active set that is compared.
 std::vector<SimulationSettings> activeSets(const SimulationSettings& settings, bool quick) {
   std::vector<SimulationSettings> all = {withActiveSet(settings, ActiveSet::kAll, settings.activation_threshold),
-                                         withActiveSet(settings, ActiveSet::kGrowth, 1e-3)};
+                                         withActiveSet(settings, ActiveSet::kGrowth, settings.activation_threshold)};
   if (quick)
     return all;
   all.push_back(withActiveSet(settings, ActiveSet::kGrowth, 1e-2));
-  all.push_back(withActiveSet(settings, ActiveSet::kGrowth, 1e-4));
+  all.push_back(withActiveSet(settings, ActiveSet::kGrowth, 1e-3));
   all.push_back(withActiveSet(settings, ActiveSet::kNeighbourhood, settings.activation_threshold));
   return all;
 }
@@ -288,8 +288,11 @@ void addBothPrecisions(std::vector<SweepSetting>& settings, double spacing_m, Si
 /// Every way of stepping, and every active set with the usual one.
 void addCross(std::vector<SweepSetting>& settings, double spacing_m, bool quick) {
   for (const SimulationSettings& stepping : timeSteppings(quick)) {
-    const bool few_active_sets = quick || !isUsual(stepping);
-    for (const SimulationSettings& simulation : activeSets(stepping, few_active_sets))
+    if (!isUsual(stepping)) {
+      addBothPrecisions(settings, spacing_m, withActiveSet(stepping, ActiveSet::kAll, stepping.activation_threshold));
+      continue;
+    }
+    for (const SimulationSettings& simulation : activeSets(stepping, quick))
       addBothPrecisions(settings, spacing_m, simulation);
   }
 }

@@ -212,7 +212,9 @@ void compress(const Compression& compression, const Beads& beads, const Options&
                   simulation.stats().grip_lag_m * 1e3, 1e-3);
   }
   report.positive(prefix.str() + "3: least width, h", simulation.minWidth() / slab.block.edge(), std::nullopt);
-  plotSection(slab, simulation, beads, kStates - 1, options);
+  // Of the material that the cube is made of.
+  if (compression.poisson_ratio > 0.4)
+    plotSection(slab, simulation, beads, kStates - 1, options);
 }
 
 void compressAll(const Options& options, Report& report) {
