@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "replay/test_folder.h"
-#include "simulation_scene.h"
-#include "tradeoff_table.h"
+#include "programs/tradeoff/simulation_scene.h"
+#include "programs/tradeoff/tradeoff_table.h"
 
 namespace soft_volume::core {
 namespace {
