@@ -109,7 +109,8 @@ TEST(ValidateProgram, WritesRowsAndPlots) {
   const Result result =
       run(program() + "--suite half_space --quick --json \"" + json.string() + "\" --plots \"" + plots.string() + "\"");
   EXPECT_EQ(result.code, 0) << result.output;
-  for (const nlohmann::json& row : readJson(json)["rows"]) {
+  const nlohmann::json report = readJson(json);
+  for (const nlohmann::json& row : report["rows"]) {
     for (const char* key : {"suite", "case", "value", "reference", "error", "bound", "pass"})
       EXPECT_TRUE(row.contains(key)) << key;
   }
