@@ -175,8 +175,8 @@ class LockstepTest(graph.GraphTest):
     state = states.wait(lambda s: s.step == 1050, 'state at step 1050')
     pushed = states.wait(lambda s: s.step == 50, 'state at step 50')
     deep = min(p.z for p in pushed.positions)
-    self.assertGreater(self.displacement(pushed), 0.001, deep)
-    self.assertLess(self.displacement(states, state), 0.1 * self.displacement(pushed))
+    self.assertGreater(self.displacement(states, pushed), 0.001, deep)
+    self.assertLess(self.displacement(states, state), 0.1 * self.displacement(states, pushed))
 
   def displacement(self, states, state):
     """Largest vertical distance from rest. A state without key frame only has what moved since the one before it."""
