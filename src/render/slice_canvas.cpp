@@ -317,29 +317,29 @@ void SliceCanvas::resize(int width, int height) {
   height_ = height;
 }
 
-void SliceCanvas::upload(const SliceMesh& mesh) {
+void SliceCanvas::upload(const LegacySliceMesh& mesh) {
   const GlFunctions& gl = context_.gl();
   const auto pointTo = [&](GLuint attribute, GLint size, std::size_t offset) {
     gl.EnableVertexAttribArray(attribute);
-    gl.VertexAttribPointer(attribute, size, GL_FLOAT, GL_FALSE, sizeof(SliceVertex),
+    gl.VertexAttribPointer(attribute, size, GL_FLOAT, GL_FALSE, sizeof(LegacySliceVertex),
                            reinterpret_cast<const void*>(offset));
   };
   gl.BindVertexArray(vertex_array_);
   gl.BindBuffer(GL_ARRAY_BUFFER, vertex_buffer_);
-  gl.BufferData(GL_ARRAY_BUFFER, GLsizeiptr(mesh.vertices.size() * sizeof(SliceVertex)), mesh.vertices.data(),
+  gl.BufferData(GL_ARRAY_BUFFER, GLsizeiptr(mesh.vertices.size() * sizeof(LegacySliceVertex)), mesh.vertices.data(),
                 GL_STREAM_DRAW);
-  pointTo(0, 2, offsetof(SliceVertex, u));
-  pointTo(1, 3, offsetof(SliceVertex, texture));
-  pointTo(2, 3, offsetof(SliceVertex, view));
-  pointTo(3, 3, offsetof(SliceVertex, right));
-  pointTo(4, 3, offsetof(SliceVertex, down));
+  pointTo(0, 2, offsetof(LegacySliceVertex, u));
+  pointTo(1, 3, offsetof(LegacySliceVertex, texture));
+  pointTo(2, 3, offsetof(LegacySliceVertex, view));
+  pointTo(3, 3, offsetof(LegacySliceVertex, right));
+  pointTo(4, 3, offsetof(LegacySliceVertex, down));
   gl.BindBuffer(GL_ELEMENT_ARRAY_BUFFER, index_buffer_);
   gl.BufferData(GL_ELEMENT_ARRAY_BUFFER, GLsizeiptr(mesh.indices.size() * sizeof(std::uint32_t)), mesh.indices.data(),
                 GL_STREAM_DRAW);
 }
 
 void SliceCanvas::setUniforms(const Program& program, const Camera& camera, double slice_distance_m,
-                              const RenderOptions& options) {
+                              const LegacyRenderOptions& options) {
   const GlFunctions& gl = context_.gl();
   gl.UseProgram(program.id);
   gl.Uniform2f(program["image_size"], float(camera.width), float(camera.height));
@@ -400,7 +400,7 @@ void SliceCanvas::maskOpaquePixels() {
   gl.ColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
 }
 
-void SliceCanvas::drawSlice(const Program& program, const Slice& slice, bool depth) {
+void SliceCanvas::drawSlice(const Program& program, const LegacySlice& slice, bool depth) {
   const GlFunctions& gl = context_.gl();
   if (depth) {
     gl.Uniform1f(program["slice_z"], slice.z_m);
@@ -410,9 +410,9 @@ void SliceCanvas::drawSlice(const Program& program, const Slice& slice, bool dep
                   reinterpret_cast<const void*>(slice.first_index * sizeof(std::uint32_t)));
 }
 
-void SliceCanvas::drawSlices(const Program& program, const SliceMesh& mesh, int first_number, bool depth) {
+void SliceCanvas::drawSlices(const Program& program, const LegacySliceMesh& mesh, int first_number, bool depth) {
   int number = first_number;
-  for (const Slice& slice : mesh.slices) {
+  for (const LegacySlice& slice : mesh.slices) {
     if (number++ % kPlanesPerMask == 0)
       maskOpaquePixels();
     if (slice.index_count == 0)
@@ -422,7 +422,7 @@ void SliceCanvas::drawSlices(const Program& program, const SliceMesh& mesh, int 
   }
 }
 
-void SliceCanvas::read(Frame& frame, bool depth) {
+void SliceCanvas::read(LegacyFrame& frame, bool depth) {
   const GlFunctions& gl = context_.gl();
   const std::size_t pixels = std::size_t(frame.width) * std::size_t(frame.height);
   gl.PixelStorei(GL_PACK_ALIGNMENT, 1);
@@ -440,8 +440,8 @@ void SliceCanvas::read(Frame& frame, bool depth) {
   }
 }
 
-Frame SliceCanvas::draw(const Camera& camera, const SliceMesh& mesh, const SlicePlanes& planes,
-                        const RenderOptions& options) {
+LegacyFrame SliceCanvas::draw(const Camera& camera, const LegacySliceMesh& mesh, const SlicePlanes& planes,
+                              const LegacyRenderOptions& options) {
   const GlContext::Current current(context_);
   const Program& program = *programs_[programIndex(options.depth, options.shading > 0.0)];
   resize(camera.width, camera.height);
@@ -450,7 +450,7 @@ Frame SliceCanvas::draw(const Camera& camera, const SliceMesh& mesh, const Slice
   setUniforms(program, camera, planes.distance_m, options);
   prepareTargets(options.depth);
   drawSlices(program, mesh, planes.first_number, options.depth);
-  Frame frame;
+  LegacyFrame frame;
   frame.width = camera.width;
   frame.height = camera.height;
   frame.slices = int(mesh.slices.size());

@@ -28,21 +28,23 @@ class SliceCanvas {
   void setTable(const TransferTable& table);
 
   /// Draws the slices and reads the frame back.
-  Frame draw(const Camera& camera, const SliceMesh& mesh, const SlicePlanes& planes, const RenderOptions& options);
+  LegacyFrame draw(const Camera& camera, const LegacySliceMesh& mesh, const SlicePlanes& planes,
+                   const LegacyRenderOptions& options);
   std::string driver();
 
  private:
   struct Program;
   static std::size_t programIndex(bool depth, bool shaded) { return std::size_t(depth) + 2 * std::size_t(shaded); }
   void resize(int width, int height);
-  void upload(const SliceMesh& mesh);
-  void setUniforms(const Program& program, const Camera& camera, double slice_distance_m, const RenderOptions& options);
+  void upload(const LegacySliceMesh& mesh);
+  void setUniforms(const Program& program, const Camera& camera, double slice_distance_m,
+                   const LegacyRenderOptions& options);
   void bindTextures();
   void prepareTargets(bool depth);
-  void drawSlices(const Program& program, const SliceMesh& mesh, int first_number, bool depth);
-  void drawSlice(const Program& program, const Slice& slice, bool depth);
+  void drawSlices(const Program& program, const LegacySliceMesh& mesh, int first_number, bool depth);
+  void drawSlice(const Program& program, const LegacySlice& slice, bool depth);
   void maskOpaquePixels();
-  void read(Frame& frame, bool depth);
+  void read(LegacyFrame& frame, bool depth);
 
   GlContext context_;
   std::array<std::unique_ptr<Program>, 4> programs_;

@@ -67,14 +67,14 @@ std::uint8_t toLevel(float colour) {
 
 }  // namespace
 
-void RenderOptions::validate() const {
+void LegacyRenderOptions::validate() const {
   requireOption(slices >= 1 && slices <= 4096, "slices", slices, "1 to 4096");
   requireOption(shading >= 0.0 && shading <= 1.0, "shading", shading, "0 to 1");
   requireOption(depth_threshold > 0.0 && depth_threshold < 1.0, "depth_threshold", depth_threshold,
                 "more than 0 and less than 1");
 }
 
-Image Frame::toRgb8(const Vector3f& background) const {
+Image LegacyFrame::toRgb8(const Vector3f& background) const {
   Image image{width, height, std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * 3)};
   for (std::size_t pixel = 0; pixel < image.rgb.size() / 3; ++pixel) {
     const float* colour = &rgba[pixel * 4];
@@ -110,16 +110,16 @@ class SliceRenderer::Impl {
     updateRanges();
   }
 
-  Frame render(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options) {
+  LegacyFrame render(const Camera& camera, const std::vector<Vector3f>& positions, const LegacyRenderOptions& options) {
     camera.validate();
     options.validate();
     requireScene();
     Stopwatch watch;
     const SlicePlanes planes = choosePlanes(camera, positions, options.slices);
     const double transform_ms = watch.lap();
-    const SliceMesh& mesh = slicer_.slice(camera, planes, skipped_);
+    const LegacySliceMesh& mesh = slicer_.slice(camera, planes, skipped_);
     const double slice_ms = watch.lap();
-    Frame frame = canvas_.draw(camera, mesh, planes, options);
+    LegacyFrame frame = canvas_.draw(camera, mesh, planes, options);
     frame.render_ms = watch.lap();
     frame.slice_ms = slice_ms;
     frame.transform_ms = transform_ms;
@@ -210,8 +210,8 @@ void SliceRenderer::setTransferFunction(const TransferFunction& function) {
 void SliceRenderer::setTopology(const Topology& topology) {
   impl_->setTopology(topology);
 }
-Frame SliceRenderer::render(const Camera& camera, const std::vector<Vector3f>& positions,
-                            const RenderOptions& options) {
+LegacyFrame SliceRenderer::render(const Camera& camera, const std::vector<Vector3f>& positions,
+                                  const LegacyRenderOptions& options) {
   return impl_->render(camera, positions, options);
 }
 std::string SliceRenderer::driver() const {

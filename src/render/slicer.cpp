@@ -148,7 +148,7 @@ void Slicer::updateActive(int plane, float z_m) {
   std::remove_copy_if(begin, end, std::back_inserter(active_), isBehind);
 }
 
-SliceVertex Slicer::cutEdge(const Camera& camera, std::uint32_t a, std::uint32_t b, float z_m) const {
+LegacySliceVertex Slicer::cutEdge(const Camera& camera, std::uint32_t a, std::uint32_t b, float z_m) const {
   if (a > b)
     std::swap(a, b);
   const Vector3f& from = positions_[a];
@@ -184,7 +184,8 @@ void Slicer::cutCell(const Camera& camera, const Corners& corners, float z_m) {
   }
 }
 
-const SliceMesh& Slicer::slice(const Camera& camera, const SlicePlanes& planes, const std::vector<std::uint8_t>& skip) {
+const LegacySliceMesh& Slicer::slice(const Camera& camera, const SlicePlanes& planes,
+                                     const std::vector<std::uint8_t>& skip) {
   computeDirections(camera);
   fillBuckets(planes, skip);
   active_.clear();
@@ -201,17 +202,6 @@ const SliceMesh& Slicer::slice(const Camera& camera, const SlicePlanes& planes, 
     mesh_.slices.push_back({z_m, first_index, std::uint32_t(mesh_.indices.size()) - first_index});
   }
   return mesh_;
-}
-
-SlicePlanes planesThrough(const std::array<double, 2>& range_m, double anchor_m, double distance_m, int max_count) {
-  SlicePlanes planes;
-  planes.distance_m = distance_m;
-  const double first = std::ceil((range_m[0] - anchor_m) / distance_m - 0.5);
-  const double last = std::floor((range_m[1] - anchor_m) / distance_m - 0.5);
-  planes.first_z_m = anchor_m + (first + 0.5) * distance_m;
-  planes.first_number = int(std::clamp(first, -1e9, 1e9));
-  planes.count = int(std::clamp(last - first + 1.0, 0.0, double(max_count)));
-  return planes;
 }
 
 }  // namespace soft_volume::core

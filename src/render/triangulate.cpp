@@ -6,18 +6,18 @@ namespace {
 constexpr int kMaxCorners = 12;
 
 /// Twice the signed area of a triangle.
-double cross(const SliceVertex& a, const SliceVertex& b, const SliceVertex& c) {
+double cross(const LegacySliceVertex& a, const LegacySliceVertex& b, const LegacySliceVertex& c) {
   return (double(b.u) - a.u) * (double(c.v) - a.v) - (double(b.v) - a.v) * (double(c.u) - a.u);
 }
 
-double signedArea(const SliceVertex* corners, int size) {
+double signedArea(const LegacySliceVertex* corners, int size) {
   double area = 0.0;
   for (int i = 2; i < size; ++i)
     area += cross(corners[0], corners[i - 1], corners[i]);
   return 0.5 * area;
 }
 
-bool isConvex(const SliceVertex* corners, int size) {
+bool isConvex(const LegacySliceVertex* corners, int size) {
   bool left = false;
   bool right = false;
   for (int i = 0; i < size; ++i) {
@@ -31,7 +31,7 @@ bool isConvex(const SliceVertex* corners, int size) {
 /// What is left of a polygon while its ears are clipped, as corner numbers in counter-clockwise order.
 class Ears {
  public:
-  Ears(const SliceVertex* corners, int size) : corners_(corners), size_(size) {
+  Ears(const LegacySliceVertex* corners, int size) : corners_(corners), size_(size) {
     const bool reverse = signedArea(corners, size) < 0.0;
     for (int i = 0; i < size; ++i)
       left_[std::size_t(i)] = reverse ? size - 1 - i : i;
@@ -57,20 +57,20 @@ class Ears {
 
  private:
   bool isEar(int i) const {
-    const SliceVertex& a = corners_[at(i - 1)];
-    const SliceVertex& b = corners_[at(i)];
-    const SliceVertex& c = corners_[at(i + 1)];
+    const LegacySliceVertex& a = corners_[at(i - 1)];
+    const LegacySliceVertex& b = corners_[at(i)];
+    const LegacySliceVertex& c = corners_[at(i + 1)];
     if (cross(a, b, c) <= 0.0)
       return false;
     for (int j = 2; j < size_ - 1; ++j) {
-      const SliceVertex& p = corners_[at(i + j)];
+      const LegacySliceVertex& p = corners_[at(i + j)];
       if (cross(a, b, p) >= 0.0 && cross(b, c, p) >= 0.0 && cross(c, a, p) >= 0.0)
         return false;
     }
     return true;
   }
 
-  const SliceVertex* corners_;
+  const LegacySliceVertex* corners_;
   int size_;
   std::array<int, kMaxCorners> left_{};
 };
@@ -82,7 +82,7 @@ void addTriangle(std::uint32_t first, int a, int b, int c, std::vector<std::uint
 
 }  // namespace
 
-void triangulate(const SliceVertex* corners, int size, std::uint32_t first, std::vector<std::uint32_t>& indices) {
+void triangulate(const LegacySliceVertex* corners, int size, std::uint32_t first, std::vector<std::uint32_t>& indices) {
   if (size == 3 || isConvex(corners, size)) {
     for (int i = 2; i < size; ++i)
       addTriangle(first, 0, i - 1, i, indices);

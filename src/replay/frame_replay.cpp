@@ -85,7 +85,7 @@ std::optional<ReplayDifference> FrameReplay::check(const core::Session& session,
 core::Image FrameReplay::render(const core::Session& session, const RenderStats& stats) {
   updateRenderer(session);
   const core::RenderSettings& settings = session.scene().rendering;
-  core::RenderOptions options;
+  core::LegacyRenderOptions options;
   options.slices = settings.slices;
   options.shading = settings.shading;
   const auto camera_settings = std::find_if(settings.cameras.begin(), settings.cameras.end(),

@@ -55,7 +55,7 @@ sensor_msgs::ImagePtr colourImage(const core::Image& image, const std_msgs::Head
   return message;
 }
 
-sensor_msgs::ImagePtr depthImage(const core::Frame& frame, const std_msgs::Header& header) {
+sensor_msgs::ImagePtr depthImage(const core::LegacyFrame& frame, const std_msgs::Header& header) {
   auto message = boost::make_shared<sensor_msgs::Image>();
   message->header = header;
   message->width = static_cast<std::uint32_t>(frame.width);
@@ -325,12 +325,12 @@ void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
     const std::lock_guard<std::mutex> lock(mutex_);
     camera = channel.camera;
   }
-  core::RenderOptions options;
+  core::LegacyRenderOptions options;
   options.slices = settings.slices;
   options.shading = settings.shading;
   options.depth = channel.depth.getNumSubscribers() > 0;
   options.depth_threshold = settings.depth_threshold;
-  const core::Frame frame = renderer_->render(camera, snapshot.positions, options);
+  const core::LegacyFrame frame = renderer_->render(camera, snapshot.positions, options);
 
   RenderStats stats;
   stats.session = snapshot.session;
@@ -352,7 +352,7 @@ void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
 }
 
 void RendererNode::publishFrame(CameraChannel& channel, const Snapshot& snapshot, const core::Camera& camera,
-                                const core::Frame& frame, RenderStats& stats) {
+                                const core::LegacyFrame& frame, RenderStats& stats) {
   std_msgs::Header header = snapshot.header;
   header.frame_id = channel.name + "_optical_frame";
   const core::Image image = frame.toRgb8(drawn_scene_->rendering.background);

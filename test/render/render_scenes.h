@@ -89,7 +89,7 @@ inline Camera straightCamera(const Vector3& eye, int width = 64, int height = 48
   return camera;
 }
 
-inline const float* pixelOf(const Frame& frame, int u, int v) {
+inline const float* pixelOf(const LegacyFrame& frame, int u, int v) {
   return &frame.rgba[4 * (std::size_t(v) * std::size_t(frame.width) + std::size_t(u))];
 }
 

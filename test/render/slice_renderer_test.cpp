@@ -30,7 +30,7 @@ struct Scene {
     renderer.setTopology(topology);
   }
 
-  Frame render(const Camera& camera, const RenderOptions& options) {
+  LegacyFrame render(const Camera& camera, const LegacyRenderOptions& options) {
     return renderer.render(camera, topology.rest_positions, options);
   }
 };
@@ -55,8 +55,8 @@ TransferFunction makeRamp(double low, double high) {
   return function;
 }
 
-RenderOptions plain(int slices, bool depth = false) {
-  RenderOptions options;
+LegacyRenderOptions plain(int slices, bool depth = false) {
+  LegacyRenderOptions options;
   options.slices = slices;
   options.shading = 0.0;
   options.depth = depth;
@@ -88,7 +88,7 @@ TEST(SliceRenderer, FogHasTheAnalyticOpacityForAnyNumberOfSlices) {
   Scene scene(box, Vector3i(3, 3, 3), constantVolume(), makeFog(0.3F, 0.05));
   const Camera camera = straightCamera(Vector3::Zero());
   for (const int slices : {50, 100, 200}) {
-    const Frame frame = scene.render(camera, plain(slices));
+    const LegacyFrame frame = scene.render(camera, plain(slices));
     EXPECT_EQ(frame.slices, slices);
     for (int v = 0; v < frame.height; v += 7) {
       for (int u = 0; u < frame.width; u += 7) {
@@ -105,7 +105,7 @@ TEST(SliceRenderer, OpaquePixelsTakeNothingMoreAndNobodySeesIt) {
   const Box3 box(Vector3(-0.5, -0.5, 1.0), Vector3(0.5, 0.5, 1.2));
   // Each slab of 2 mm lets 0.7 through: 1 - 0.7^100 in all, and 0.999 is passed in the 20th slab.
   Scene scene(box, Vector3i(3, 3, 3), constantVolume(), makeFog(0.3F, 0.002));
-  const Frame frame = scene.render(straightCamera(Vector3::Zero()), plain(100));
+  const LegacyFrame frame = scene.render(straightCamera(Vector3::Zero()), plain(100));
   const float alpha = pixelOf(frame, frame.width / 2, frame.height / 2)[3];
   EXPECT_GE(alpha, 0.999F);
   EXPECT_LT(alpha, 1.0 - std::pow(0.7, 40)) << "no pixel was masked: the rest of the grid was drawn for nothing";
@@ -117,7 +117,7 @@ TEST(SliceRenderer, ObliqueFogErrsByLessThanTwoSlabs) {
   const Camera camera = Camera::lookAt({0.5, 0.8, 0.6}, {0, 0, 0}, {0, 0, 1}, 0.4, 64, 48);
   double former_mean = 1.0;
   for (const int slices : {50, 100, 200}) {
-    const Frame frame = scene.render(camera, plain(slices));
+    const LegacyFrame frame = scene.render(camera, plain(slices));
     double sum = 0.0;
     for (int v = 0; v < frame.height; ++v) {
       for (int u = 0; u < frame.width; ++u) {
@@ -143,7 +143,7 @@ TEST(SliceRenderer, PixelCentresAreWholeNumbers) {
     const Box3 box = sheet((left - camera.cx) / camera.fx, (right - camera.cx) / camera.fx,
                            (top - camera.cy) / camera.fy, (bottom - camera.cy) / camera.fy);
     Scene scene(box, Vector3i(1, 1, 1), constantVolume(), makeFog(0.9F, 1e-4));
-    const Frame frame = scene.render(camera, plain(1));
+    const LegacyFrame frame = scene.render(camera, plain(1));
     for (int v = 0; v < frame.height; ++v) {
       for (int u = 0; u < frame.width; ++u) {
         const bool inside = u > left && u < right && v > top && v < bottom;
@@ -160,7 +160,7 @@ TEST(SliceRenderer, PrincipalPointAndBothFocalLengthsCount) {
   camera.cx = 25.0;
   camera.cy = 30.0;
   Scene scene(sheet(0.05, 0.15, -0.1, 0.05), Vector3i(1, 1, 1), constantVolume(), makeFog(0.9F, 1e-4));
-  const Frame frame = scene.render(camera, plain(1));
+  const LegacyFrame frame = scene.render(camera, plain(1));
   for (int v = 0; v < frame.height; ++v) {
     for (int u = 0; u < frame.width; ++u) {
       const double x = (u - 25.0) / 80.0, y = (v - 30.0) / 120.0;
@@ -178,7 +178,7 @@ TEST(SliceRenderer, DepthOfAnOpaqueFaceIsWithinHalfASlab) {
   Scene scene(box, Vector3i(2, 2, 2), constantVolume(), makeFog(0.999F, 1e-4));
   const Camera camera = straightCamera(Vector3::Zero());
   for (const int slices : {50, 100}) {
-    const Frame frame = scene.render(camera, plain(slices, true));
+    const LegacyFrame frame = scene.render(camera, plain(slices, true));
     for (int v = 0; v < frame.height; ++v) {
       for (int u = 0; u < frame.width; ++u) {
         const float depth = frame.depth_m[std::size_t(v) * 64 + std::size_t(u)];
@@ -196,7 +196,7 @@ TEST(SliceRenderer, DepthOfASurfaceInsideTheVolumeIsWithinASlab) {
   const Box3 box(Vector3(-0.2, -0.2, 1.0), Vector3(0.2, 0.2, 1.2));
   const auto volume = makeVolume(Vector3i(4, 4, 100), Vector3(1, 1, 1), [](const Vector3& t) { return t.z() > 0.4; });
   Scene scene(box, Vector3i(2, 2, 2), volume, makeStep(0.5, 0.999F, 1e-4));
-  const Frame frame = scene.render(straightCamera(Vector3::Zero()), plain(50, true));
+  const LegacyFrame frame = scene.render(straightCamera(Vector3::Zero()), plain(50, true));
   // The value passes 0.5 at t = 0.4, which is z = 1.08 m.
   EXPECT_NEAR(frame.depth_m[24 * 64 + 32], 1.08, 0.2 / 50);
 }
@@ -206,9 +206,9 @@ TEST(SliceRenderer, DepthInFogIsWhereTheThresholdIsPassed) {
   Scene scene(box, Vector3i(2, 2, 2), constantVolume(), makeFog(0.3F, 0.05));
   const Camera camera = straightCamera(Vector3::Zero());
   for (const double threshold : {0.2, 0.5}) {
-    RenderOptions options = plain(50, true);
+    LegacyRenderOptions options = plain(50, true);
     options.depth_threshold = threshold;
-    const Frame frame = scene.render(camera, options);
+    const LegacyFrame frame = scene.render(camera, options);
     for (const int u : {2, 20, 31, 60}) {
       const double slope = std::hypot((u - camera.cx) / camera.fx, (24 - camera.cy) / camera.fy);
       const double way = 0.05 * std::log(1.0 - threshold) / std::log(0.7);
@@ -216,7 +216,7 @@ TEST(SliceRenderer, DepthInFogIsWhereTheThresholdIsPassed) {
       EXPECT_NEAR(frame.depth_m[24 * 64 + std::size_t(u)], exact, 0.01 * 0.2 / 50);
     }
   }
-  RenderOptions options = plain(50, true);
+  LegacyRenderOptions options = plain(50, true);
   options.depth_threshold = 0.95;  // more than the fog ever reaches
   EXPECT_TRUE(std::isnan(scene.render(camera, options).depth_m[24 * 64 + 32]));
 }
@@ -232,13 +232,13 @@ struct BallScene : Scene {
               makeStep(0.5, 0.5F, 0.005)) {}
 };
 
-RenderOptions shaded(bool depth) {
-  RenderOptions options;
+LegacyRenderOptions shaded(bool depth) {
+  LegacyRenderOptions options;
   options.depth = depth;
   return options;
 }
 
-std::uint64_t hashOfFrame(const Frame& frame) {
+std::uint64_t hashOfFrame(const LegacyFrame& frame) {
   return hashBytes(frame.depth_m.data(), frame.depth_m.size() * 4, hashVector(frame.rgba));
 }
 
@@ -300,11 +300,11 @@ TEST(SliceRenderer, WorksFromOneThreadAfterAnother) {
 TEST(SliceRenderer, MovedCellsMoveThePicture) {
   Scene scene(sheet(-0.1, 0.1, -0.1, 0.1), Vector3i(2, 2, 1), constantVolume(), makeFog(0.9F, 1e-4));
   const Camera camera = straightCamera(Vector3::Zero());
-  const Frame before = scene.render(camera, plain(1));
+  const LegacyFrame before = scene.render(camera, plain(1));
   std::vector<Vector3f> positions = scene.topology.rest_positions;
   for (Vector3f& p : positions)
     p += Vector3f(0.07F, -0.04F, 0.0F);  // 7 pixels right, 4 up at z = 1 m
-  const Frame after = scene.renderer.render(camera, positions, plain(1));
+  const LegacyFrame after = scene.renderer.render(camera, positions, plain(1));
   for (int v = 4; v < 44; ++v) {
     for (int u = 7; u < 64; ++u)
       EXPECT_NEAR(pixelOf(after, u, v - 4)[3], pixelOf(before, u - 7, v)[3], 1e-5);
@@ -321,7 +321,7 @@ TEST(SliceRenderer, TextureSticksToTheDeformedCells) {
       p.x() = 0.1F;  // the left cell is stretched, the right one squeezed
   }
   const Camera camera = straightCamera(Vector3::Zero());
-  const Frame frame = scene.renderer.render(camera, positions, plain(1));
+  const LegacyFrame frame = scene.renderer.render(camera, positions, plain(1));
   for (int u = 13; u < 50; ++u) {
     const double x = (u - camera.cx) / camera.fx;
     const double texture = x < 0.1 ? 0.5 * (x + 0.2) / 0.3 : 0.5 + 0.5 * (x - 0.1) / 0.1;
@@ -333,13 +333,13 @@ TEST(SliceRenderer, TextureSticksToTheDeformedCells) {
 TEST(SliceRenderer, ImageChangesOnlyWhereTheGridMoved) {
   BallScene scene;
   const Camera camera = straightCamera(Vector3::Zero(), 160, 120, 400.0);
-  const Frame before = scene.render(camera, shaded(true));
+  const LegacyFrame before = scene.render(camera, shaded(true));
   std::vector<Vector3f> positions = scene.topology.rest_positions;
   for (Vector3f& p : positions) {
     if (p.x() > 0.04F)
       p += Vector3f(0.02F, 0.0F, -0.05F);  // deeper than the grid at rest, so there are more slices
   }
-  const Frame after = scene.renderer.render(camera, positions, shaded(true));
+  const LegacyFrame after = scene.renderer.render(camera, positions, shaded(true));
   EXPECT_GT(after.slices, before.slices);
   EXPECT_NE(after.rgba, before.rgba);
   const int untouched = 80;  // x = 0; the cells between x = 0.025 and 0.05 m changed, and the directions around them
@@ -356,8 +356,8 @@ TEST(SliceRenderer, SkippingTransparentCellsLosesNothing) {
   Scene one(box, Vector3i(1, 1, 1), blob, makeStep(0.5, 0.5F, 0.005));
   Scene many(box, Vector3i(12, 12, 12), blob, makeStep(0.5, 0.5F, 0.005));
   const Camera camera = straightCamera(Vector3::Zero(), 160, 120, 400.0);
-  const Frame whole = one.render(camera, shaded(false));
-  const Frame cells = many.render(camera, shaded(false));
+  const LegacyFrame whole = one.render(camera, shaded(false));
+  const LegacyFrame cells = many.render(camera, shaded(false));
   EXPECT_GT(*std::max_element(whole.rgba.begin(), whole.rgba.end()), 0.9F);
   EXPECT_LT(cells.polygons, std::size_t(125 * 144 / 4)) << "most cells are transparent";
   for (std::size_t i = 0; i < whole.rgba.size(); ++i)
@@ -370,8 +370,8 @@ TEST(SliceRenderer, SlabsReachIntoTheNextCell) {
   const Box3 box(Vector3(-0.1, -0.1, 0.9), Vector3(0.1, 0.1, 1.1));
   Scene one(box, Vector3i(1, 1, 1), step, makeStep(0.5, 0.5F, 0.005));
   Scene many(box, Vector3i(12, 12, 12), step, makeStep(0.5, 0.5F, 0.005));
-  const Frame whole = one.render(straightCamera(Vector3::Zero()), plain(15));
-  const Frame cells = many.render(straightCamera(Vector3::Zero()), plain(15));
+  const LegacyFrame whole = one.render(straightCamera(Vector3::Zero()), plain(15));
+  const LegacyFrame cells = many.render(straightCamera(Vector3::Zero()), plain(15));
   for (std::size_t i = 0; i < whole.rgba.size(); ++i)
     ASSERT_NEAR(cells.rgba[i], whole.rgba[i], 1e-4) << i;
 }
@@ -385,7 +385,7 @@ TEST(SliceRenderer, CameraInsideTheGridSeesNoHolesAtTheBorder) {
   std::vector<Vector3f> positions = scene.topology.rest_positions;
   for (Vector3f& p : positions)
     p += Vector3f(offset(random), offset(random), offset(random));
-  const Frame frame = scene.renderer.render(camera, positions, plain(100));
+  const LegacyFrame frame = scene.renderer.render(camera, positions, plain(100));
   for (std::size_t i = 3; i < frame.rgba.size(); i += 4)
     ASSERT_GT(frame.rgba[i], 0.8F) << "pixel " << i / 4;
 }
@@ -393,7 +393,7 @@ TEST(SliceRenderer, CameraInsideTheGridSeesNoHolesAtTheBorder) {
 TEST(SliceRenderer, GridOutOfSightGivesATransparentFrame) {
   BallScene scene;
   const Camera away = Camera::lookAt({0, 0, 0}, {0, 0, -1}, {0, 1, 0}, 0.5, 64, 48);
-  const Frame frame = scene.render(away, shaded(true));
+  const LegacyFrame frame = scene.render(away, shaded(true));
   EXPECT_EQ(frame.rgba, std::vector<float>(64 * 48 * 4, 0.0F));
   for (const float depth : frame.depth_m)
     EXPECT_TRUE(std::isnan(depth));
@@ -408,7 +408,7 @@ TEST(SliceRenderer, FoldedAndCollapsedGridsGiveFiniteFrames) {
     std::vector<Vector3f> positions = scene.topology.rest_positions;
     for (Vector3f& p : positions)
       p = Vector3f(0, 0, 1) + Vector3f(coordinate(random), coordinate(random), 0.9F * coordinate(random));
-    const Frame frame = scene.renderer.render(camera, positions, shaded(true));
+    const LegacyFrame frame = scene.renderer.render(camera, positions, shaded(true));
     for (const float value : frame.rgba)
       ASSERT_TRUE(std::isfinite(value)) << "size " << size_m;
     for (const float depth : frame.depth_m)
@@ -437,7 +437,7 @@ TEST(SliceRenderer, EveryScalarTypeIsLookedUpExactly) {
   const auto expectRamp = [&](std::shared_ptr<const Volume> volume, double low, double high) {
     const std::string name = scalarName(volume->type());
     Scene scene(box, Vector3i(1, 1, 1), std::move(volume), makeRamp(low, high));
-    const Frame frame = scene.render(camera, plain(1));
+    const LegacyFrame frame = scene.render(camera, plain(1));
     for (int u = 14; u < 50; ++u) {
       const double texture = ((u - camera.cx) / camera.fx + 0.2) / 0.4;
       const double exact = std::clamp((texture * 11.0 - 0.5) / 10.0, 0.0, 1.0);
@@ -460,7 +460,7 @@ TEST(SliceRenderer, NanScalarsDrawAsNothing) {
   const auto volume =
       makeVolume(Vector3i(20, 4, 4), Vector3::Ones(), [nan](const Vector3& t) { return t.x() < 0.5 ? nan : 1.0; });
   Scene scene(Box3(Vector3(-0.2, -0.1, 0.95), Vector3(0.2, 0.1, 1.05)), Vector3i(4, 2, 2), volume, makeFog(0.9F, 0.01));
-  const Frame frame = scene.render(straightCamera(Vector3::Zero()), shaded(true));
+  const LegacyFrame frame = scene.render(straightCamera(Vector3::Zero()), shaded(true));
   EXPECT_EQ(pixelOf(frame, 20, 24)[3], 0.0F);
   EXPECT_GT(pixelOf(frame, 44, 24)[3], 0.9F);
   for (const float value : frame.rgba)
@@ -477,14 +477,14 @@ std::shared_ptr<const Volume> tiltedStep(double tilt) {
 TEST(SliceRenderer, ShadingFollowsTheDeformation) {
   const Box3 box(Vector3(-0.1, -0.1, 0.9), Vector3(0.1, 0.1, 1.1));
   const Camera camera = straightCamera(Vector3::Zero());
-  RenderOptions options;
+  LegacyRenderOptions options;
   options.shading = 1.0;
   const auto brightness = [&](double volume_tilt, float shear) {
     Scene scene(box, Vector3i(4, 4, 4), tiltedStep(volume_tilt), makeStep(0.5, 0.999F, 1e-3));
     std::vector<Vector3f> positions = scene.topology.rest_positions;
     for (Vector3f& p : positions)
       p.z() += shear * p.x();
-    const Frame frame = scene.renderer.render(camera, positions, options);
+    const LegacyFrame frame = scene.renderer.render(camera, positions, options);
     return pixelOf(frame, 32, 24)[1] / pixelOf(frame, 32, 24)[3];
   };
   // The light comes from the left (-x): a surface that falls back to the right turns away from it.
@@ -496,7 +496,7 @@ TEST(SliceRenderer, ShadingFollowsTheDeformation) {
 
 TEST(SliceRenderer, ShadingOffDrawsTheColoursOfTheTransferFunction) {
   BallScene scene;
-  const Frame frame = scene.render(straightCamera(Vector3::Zero()), plain(100));
+  const LegacyFrame frame = scene.render(straightCamera(Vector3::Zero()), plain(100));
   for (std::size_t i = 0; i < frame.rgba.size(); i += 4)
     ASSERT_NEAR(frame.rgba[i], frame.rgba[i + 3], 1e-5);
 }
@@ -538,28 +538,28 @@ TEST(SliceRenderer, RefusedInputLeavesTheFormerState) {
   EXPECT_EQ(hashOfFrame(scene.render(camera, shaded(false))), before);
 }
 
-TEST(RenderOptions, EveryFieldIsValidated) {
+TEST(LegacyRenderOptions, EveryFieldIsValidated) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const std::vector<std::function<void(RenderOptions&)>> spoilers = {
-      [](RenderOptions& o) { o.slices = 0; },
-      [](RenderOptions& o) { o.slices = 4097; },
-      [](RenderOptions& o) { o.shading = -0.1; },
-      [](RenderOptions& o) { o.shading = 1.1; },
-      [nan](RenderOptions& o) { o.shading = nan; },
-      [](RenderOptions& o) { o.depth_threshold = 0.0; },
-      [](RenderOptions& o) { o.depth_threshold = 1.0; },
-      [nan](RenderOptions& o) { o.depth_threshold = nan; },
+  const std::vector<std::function<void(LegacyRenderOptions&)>> spoilers = {
+      [](LegacyRenderOptions& o) { o.slices = 0; },
+      [](LegacyRenderOptions& o) { o.slices = 4097; },
+      [](LegacyRenderOptions& o) { o.shading = -0.1; },
+      [](LegacyRenderOptions& o) { o.shading = 1.1; },
+      [nan](LegacyRenderOptions& o) { o.shading = nan; },
+      [](LegacyRenderOptions& o) { o.depth_threshold = 0.0; },
+      [](LegacyRenderOptions& o) { o.depth_threshold = 1.0; },
+      [nan](LegacyRenderOptions& o) { o.depth_threshold = nan; },
   };
-  EXPECT_NO_THROW(RenderOptions{}.validate());
+  EXPECT_NO_THROW(LegacyRenderOptions{}.validate());
   for (std::size_t i = 0; i < spoilers.size(); ++i) {
-    RenderOptions options;
+    LegacyRenderOptions options;
     spoilers[i](options);
     EXPECT_THROW(options.validate(), SceneError) << "spoiler " << i;
   }
 }
 
-TEST(Frame, ToRgb8BlendsOverTheBackground) {
-  Frame frame;
+TEST(LegacyFrame, ToRgb8BlendsOverTheBackground) {
+  LegacyFrame frame;
   frame.width = 2;
   frame.height = 1;
   frame.rgba = {0.5F, 0.25F, 0.0F, 0.5F, 2.0F, 0.0F, 0.0F, 0.0F};

@@ -25,11 +25,11 @@ double cross(const Point2& a, const Point2& b) {
 }
 
 /// Metres on the slice of a pixel position.
-Point2 onSlice(const Camera& camera, const SliceVertex& vertex, double z_m) {
+Point2 onSlice(const Camera& camera, const LegacySliceVertex& vertex, double z_m) {
   return {(vertex.u - camera.cx) / camera.fx * z_m, (vertex.v - camera.cy) / camera.fy * z_m};
 }
 
-double areaOf(const Camera& camera, const SliceMesh& mesh, const Slice& slice) {
+double areaOf(const Camera& camera, const LegacySliceMesh& mesh, const LegacySlice& slice) {
   double twice = 0.0;
   for (std::uint32_t i = slice.first_index; i < slice.first_index + slice.index_count; i += 3) {
     std::array<Point2, 3> p;
@@ -89,12 +89,12 @@ double outlineArea(const std::vector<std::array<std::uint32_t, 4>>& faces, const
 }
 
 /// Directed edges of a slice's triangles whose opposite is missing: the outline.
-std::size_t unmatchedEdges(const SliceMesh& mesh, const Slice& slice) {
+std::size_t unmatchedEdges(const LegacySliceMesh& mesh, const LegacySlice& slice) {
   std::map<std::array<float, 4>, int> balance;
   for (std::uint32_t i = slice.first_index; i < slice.first_index + slice.index_count; i += 3) {
     for (std::uint32_t k = 0; k < 3; ++k) {
-      const SliceVertex& a = mesh.vertices[mesh.indices[i + k]];
-      const SliceVertex& b = mesh.vertices[mesh.indices[i + (k + 1) % 3]];
+      const LegacySliceVertex& a = mesh.vertices[mesh.indices[i + k]];
+      const LegacySliceVertex& b = mesh.vertices[mesh.indices[i + (k + 1) % 3]];
       ++balance[{a.u, a.v, b.u, b.v}];
       --balance[{b.u, b.v, a.u, a.v}];
     }
@@ -143,7 +143,8 @@ Topology makeTurnedBlock() {
   return topology;
 }
 
-SliceMesh sliceAll(const Camera& camera, const Topology& topology, const std::vector<Vector3f>& positions, int count) {
+LegacySliceMesh sliceAll(const Camera& camera, const Topology& topology, const std::vector<Vector3f>& positions,
+                         int count) {
   Slicer slicer;
   slicer.setTopology(topology);
   slicer.transform(camera, positions);
@@ -159,8 +160,8 @@ TEST(Slicer, PolygonsOfWarpedCellsTileTheCrossSection) {
   ASSERT_EQ(boundary.size(), 54U);
   for (int grid = 0; grid < 40; ++grid) {
     const auto positions = jittered(topology.rest_positions, 0.25F, random);
-    const SliceMesh mesh = sliceAll(identityCamera(), topology, positions, 37);
-    for (const Slice& slice : mesh.slices) {
+    const LegacySliceMesh mesh = sliceAll(identityCamera(), topology, positions, 37);
+    for (const LegacySlice& slice : mesh.slices) {
       // Pixel coordinates are floats of about 100: 1e-5 pixel is 1e-6 of the area.
       EXPECT_NEAR(areaOf(identityCamera(), mesh, slice), outlineArea(boundary, positions, slice.z_m), 2e-5);
       EXPECT_EQ(unmatchedEdges(mesh, slice), outlineSegments(boundary, positions, slice.z_m)) << "z " << slice.z_m;
@@ -175,8 +176,8 @@ TEST(Slicer, StronglyWarpedCellsStillMatchTheirNeighbours) {
   for (int grid = 0; grid < 20; ++grid) {
     // Folded cells: triangles may overlap or turn around, but the outline is still that of the boundary.
     const auto positions = jittered(topology.rest_positions, 0.45F, random);
-    const SliceMesh mesh = sliceAll(identityCamera(), topology, positions, 37);
-    for (const Slice& slice : mesh.slices) {
+    const LegacySliceMesh mesh = sliceAll(identityCamera(), topology, positions, 37);
+    for (const LegacySlice& slice : mesh.slices) {
       EXPECT_NEAR(areaOf(identityCamera(), mesh, slice), outlineArea(boundary, positions, slice.z_m), 2e-5);
     }
   }
@@ -185,9 +186,9 @@ TEST(Slicer, StronglyWarpedCellsStillMatchTheirNeighbours) {
 TEST(Slicer, AreaOfARotatedBoxIntegratesToItsVolume) {
   const Topology topology = makeBlock(Box3(Vector3(-0.5, -0.4, -0.3), Vector3(0.5, 0.4, 0.3)), Vector3i(5, 4, 3));
   const Camera camera = Camera::lookAt({2.0, 1.5, 2.5}, {0, 0, 0}, {0, 0, 1}, 0.5, 64, 48);
-  const SliceMesh mesh = sliceAll(camera, topology, topology.rest_positions, 400);
+  const LegacySliceMesh mesh = sliceAll(camera, topology, topology.rest_positions, 400);
   double volume = 0.0;
-  for (const Slice& slice : mesh.slices)
+  for (const LegacySlice& slice : mesh.slices)
     volume += areaOf(camera, mesh, slice);
   volume *= double(mesh.slices[1].z_m) - mesh.slices[0].z_m;
   EXPECT_NEAR(volume, 1.0 * 0.8 * 0.6, 2e-5);  // the midpoint rule errs by O(1 / 400^2)
@@ -199,7 +200,7 @@ TEST(Slicer, VerticesExactlyOnAPlaneCountAsBehindIt) {
   slicer.setTopology(topology);
   slicer.transform(identityCamera(), topology.rest_positions);
   // Planes through all three vertex layers: the front layer lies on its plane and has nothing before it.
-  const SliceMesh& mesh = slicer.slice(identityCamera(), {1.0, 1.0, 3}, {});
+  const LegacySliceMesh& mesh = slicer.slice(identityCamera(), {1.0, 1.0, 3}, {});
   EXPECT_EQ(mesh.slices[0].index_count, 0U);
   EXPECT_NEAR(areaOf(identityCamera(), mesh, mesh.slices[1]), 4.0, 1e-5);
   EXPECT_NEAR(areaOf(identityCamera(), mesh, mesh.slices[2]), 4.0, 1e-5);
@@ -211,7 +212,7 @@ TEST(Slicer, SkippedCellsAreNotCut) {
   Slicer slicer;
   slicer.setTopology(topology);
   slicer.transform(identityCamera(), topology.rest_positions);
-  const SliceMesh& mesh = slicer.slice(identityCamera(), {1.5, 1.0, 2}, {1, 0, 0, 0, 1, 1, 1, 1});
+  const LegacySliceMesh& mesh = slicer.slice(identityCamera(), {1.5, 1.0, 2}, {1, 0, 0, 0, 1, 1, 1, 1});
   EXPECT_NEAR(areaOf(identityCamera(), mesh, mesh.slices[0]), 3.0, 1e-5);
   EXPECT_EQ(mesh.slices[1].index_count, 0U);
 }
@@ -224,9 +225,9 @@ TEST(Slicer, VerticesCarryTextureAndDirectionsOfTheDeformation) {
   Slicer slicer;
   slicer.setTopology(topology);
   slicer.transform(identityCamera(), positions);
-  const SliceMesh& mesh = slicer.slice(identityCamera(), {1.25, 1.0, 1}, {});
+  const LegacySliceMesh& mesh = slicer.slice(identityCamera(), {1.25, 1.0, 1}, {});
   ASSERT_FALSE(mesh.vertices.empty());
-  for (const SliceVertex& vertex : mesh.vertices) {
+  for (const LegacySliceVertex& vertex : mesh.vertices) {
     const double x_m = (vertex.u - 31.5) / 100.0 * 1.25;
     EXPECT_NEAR(vertex.texture[0], (x_m + 2.0) / 4.0, 1e-5);
     EXPECT_NEAR(vertex.texture[2], 0.125, 1e-6);
@@ -264,7 +265,7 @@ TEST(Slicer, RefusesUnusableInput) {
   EXPECT_THROW(slicer.setTopology(topology), InputError);
 }
 
-double trianglesArea(const std::vector<SliceVertex>& corners, const std::vector<std::uint32_t>& indices) {
+double trianglesArea(const std::vector<LegacySliceVertex>& corners, const std::vector<std::uint32_t>& indices) {
   double area = 0.0;
   for (std::size_t i = 0; i < indices.size(); i += 3) {
     const auto point = [&](std::size_t k) { return Point2{corners[indices[i + k]].u, corners[indices[i + k]].v}; };
@@ -277,7 +278,7 @@ TEST(Triangulate, ConcavePolygonsAreCoveredOnceInBothDirections) {
   // A quadrilateral that a fan from its first corner would overdraw, and an L of area 3.
   for (const auto& outline : {std::vector<Point2>{{0, 0}, {4, 0}, {1, 1}, {0, 4}},
                               std::vector<Point2>{{1, 1}, {1, 2}, {0, 2}, {0, 0}, {2, 0}, {2, 1}}}) {
-    std::vector<SliceVertex> corners;
+    std::vector<LegacySliceVertex> corners;
     double twice = 0.0;
     for (std::size_t i = 0; i < outline.size(); ++i) {
       corners.push_back({float(outline[i][0]), float(outline[i][1]), {}, {}, {}, {}});

@@ -235,7 +235,7 @@ class Run {
 
   void publishFrame() {
     const core::RenderSettings& settings = session_.scene().rendering;
-    core::RenderOptions options;
+    core::LegacyRenderOptions options;
     options.slices = settings.slices;
     options.shading = settings.shading;
     std::vector<core::Vector3f> positions;

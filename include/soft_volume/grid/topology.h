@@ -28,9 +28,11 @@ struct Topology {
   std::vector<Vector3f> texture_coordinates;  ///< per vertex, [0, 1]^3 of the volume
   std::vector<std::uint8_t> fixed;            ///< per vertex, 1 where it never moves
 
-  std::vector<CellType> cell_types;           ///< per cell
-  std::vector<std::uint32_t> cell_offsets;    ///< cells + 1 entries into `connectivity`
-  std::vector<std::uint32_t> connectivity;    ///< vertex numbers in VTK's order for the cell's type
+  std::vector<CellType> cell_types;         ///< per cell
+  std::vector<std::uint32_t> cell_offsets;  ///< cells + 1 entries into `connectivity`
+  /// Vertex numbers in VTK's order for the cell's type; for a polyhedron VTK's face stream: the number of faces, then
+  /// for each face the number of its vertices and these, in outward counter-clockwise order.
+  std::vector<std::uint32_t> connectivity;
   std::vector<std::uint16_t> materials;       ///< per cell, index into the scene's materials
   std::vector<std::int32_t> face_neighbours;  ///< per cell and face in VTK's order: neighbour cell or -1
   std::vector<std::uint8_t> cut_faces;        ///< per cell and face, 1 where an incision opened it

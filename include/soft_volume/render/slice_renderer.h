@@ -13,7 +13,7 @@
 
 namespace soft_volume::core {
 
-struct RenderOptions {
+struct LegacyRenderOptions {
   /// Planes over the depth of the grid at rest, 1 to 4096. A deformed grid that is deeper gets more of the same
   /// distance.
   int slices = 125;
@@ -30,7 +30,7 @@ struct RenderOptions {
 };
 
 /// A rendered image. Rows from the top, pixels from the left.
-struct Frame {
+struct LegacyFrame {
   int width = 0;
   int height = 0;
   std::vector<float> rgba;     ///< width * height * 4, premultiplied with opacity; never NaN
@@ -48,7 +48,7 @@ struct Frame {
   Image toRgb8(const Vector3f& background) const;
 };
 
-/// Slice-based volume rendering of a deformed grid (dissertation, chapter 3 and section 4.5): the volume is a 3D
+/// LegacySlice-based volume rendering of a deformed grid (dissertation, chapter 3 and section 4.5): the volume is a 3D
 /// texture on the cells, the grid is cut by planes parallel to the view plane, and the slices are composited in
 /// float32.
 ///
@@ -93,7 +93,8 @@ class SliceRenderer {
   /// one is not usable or they span more than ten times the grid's size at rest, or when volume, transfer function or
   /// topology were not set; SceneError on a camera or options out of range. A grid outside the view gives a transparent
   /// frame.
-  Frame render(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options = {});
+  LegacyFrame render(const Camera& camera, const std::vector<Vector3f>& positions,
+                     const LegacyRenderOptions& options = {});
 
   /// Renderer and version as the driver states them. Frames of equal input are equal where this is equal.
   std::string driver() const;

@@ -7,22 +7,12 @@
 #include "soft_volume/common/geometry.h"
 #include "soft_volume/grid/topology.h"
 #include "soft_volume/render/camera.h"
+#include "soft_volume/render/slice_planes.h"
 
 namespace soft_volume::core {
 
-/// Equally spaced planes z = const in the camera frame; each stands for a slab of `distance_m` around it.
-struct SlicePlanes {
-  double first_z_m = 0.0;
-  double distance_m = 1.0;
-  int count = 0;
-  int first_number = 0;  ///< of the first plane on the ladder that it belongs to
-
-  /// The planes are float numbers, as the vertices are, so that "z >= plane" has one answer everywhere.
-  float z(int i) const { return float(first_z_m + i * distance_m); }
-};
-
 /// One corner of a slice polygon.
-struct SliceVertex {
+struct LegacySliceVertex {
   float u, v;                    ///< pixels, with the convention of Camera
   std::array<float, 3> texture;  ///< texture coordinates; affine on a plane z = const: no perspective correction
   std::array<float, 3> view;     ///< change of the texture coordinates along the ray, per metre of depth
@@ -30,17 +20,17 @@ struct SliceVertex {
   std::array<float, 3> down;     ///< the same along the camera's y
 };
 
-/// The triangles of one slice: `index_count` entries of SliceMesh::indices from `first_index` on.
-struct Slice {
+/// The triangles of one slice: `index_count` entries of LegacySliceMesh::indices from `first_index` on.
+struct LegacySlice {
   float z_m;
   std::uint32_t first_index;
   std::uint32_t index_count;
 };
 
-struct SliceMesh {
-  std::vector<SliceVertex> vertices;
+struct LegacySliceMesh {
+  std::vector<LegacySliceVertex> vertices;
   std::vector<std::uint32_t> indices;
-  std::vector<Slice> slices;  ///< front to back, one per plane
+  std::vector<LegacySlice> slices;  ///< front to back, one per plane
   std::size_t polygon_count = 0;
 };
 
@@ -77,7 +67,7 @@ class Slicer {
   /// The directions at a vertex are mapped to texture coordinates through the inverse of each cell's deformation and
   /// averaged over the vertex's cells; cells flatter than a fiftieth of their edge box or inside out are left out of
   /// it, and vertices without any other get zero. The result is valid until the next call.
-  const SliceMesh& slice(const Camera& camera, const SlicePlanes& planes, const std::vector<std::uint8_t>& skip);
+  const LegacySliceMesh& slice(const Camera& camera, const SlicePlanes& planes, const std::vector<std::uint8_t>& skip);
 
  private:
   struct BucketCell {
@@ -89,7 +79,7 @@ class Slicer {
   void fillBuckets(const SlicePlanes& planes, const std::vector<std::uint8_t>& skip);
   void updateActive(int plane, float z_m);
   void cutCell(const Camera& camera, const Corners& corners, float z_m);
-  SliceVertex cutEdge(const Camera& camera, std::uint32_t a, std::uint32_t b, float z_m) const;
+  LegacySliceVertex cutEdge(const Camera& camera, std::uint32_t a, std::uint32_t b, float z_m) const;
 
   std::vector<Corners> cells_;
   std::vector<Vector3f> texture_;            ///< per vertex
@@ -101,16 +91,11 @@ class Slicer {
   std::vector<std::uint32_t> bucket_next_;   ///< where the next cell of a bucket goes
   std::vector<BucketCell> bucket_cells_;
   std::vector<BucketCell> active_;
-  SliceMesh mesh_;
+  LegacySliceMesh mesh_;
 };
-
-/// The planes that cut depths `range_m`, on the ladder anchor_m + (i + 0.5) distance_m, at most `max_count` from the
-/// front. With an anchor and distance that do not depend on the deformation, a camera keeps its planes while the grid
-/// moves, so the image changes only where the grid does.
-SlicePlanes planesThrough(const std::array<double, 2>& range_m, double anchor_m, double distance_m, int max_count);
 
 /// Splits a simple polygon (pixel coordinates, either orientation, 3 to 12 corners) into triangles: a fan when it is
 /// convex, by ear clipping otherwise. Appends index triples, `first` being the index of its first corner.
-void triangulate(const SliceVertex* corners, int size, std::uint32_t first, std::vector<std::uint32_t>& indices);
+void triangulate(const LegacySliceVertex* corners, int size, std::uint32_t first, std::vector<std::uint32_t>& indices);
 
 }  // namespace soft_volume::core

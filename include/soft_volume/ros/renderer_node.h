@@ -88,7 +88,7 @@ class RendererNode {
   void drawAll(const Snapshot& snapshot);
   void draw(CameraChannel& channel, const Snapshot& snapshot);
   void publishFrame(CameraChannel& channel, const Snapshot& snapshot, const core::Camera& camera,
-                    const core::Frame& frame, RenderStats& stats);
+                    const core::LegacyFrame& frame, RenderStats& stats);
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   ros::NodeHandle node_;

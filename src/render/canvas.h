@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "drawn_grid.h"
+#include "soft_volume/render/renderer.h"
+#include "soft_volume/render/slice_mesh.h"
+#include "transfer_table.h"
+
+namespace soft_volume::core {
+
+/// One image to draw.
+struct DrawJob {
+  const Camera& camera;
+  const RenderOptions& options;
+  const std::vector<Vector3f>& positions;  ///< per vertex, camera frame
+  const std::vector<std::uint8_t>& skip;   ///< per cell, nonzero where it shows nothing
+  PixelRect rect;                          ///< only these pixels are drawn
+  double distance_m;                       ///< of the planes that are not extra
+  bool cross_section;                      ///< one slice, colours without transparency
+};
+
+/// What fills and composites the polygons of slices. Renderer calls setGrid, setTable and, for a textured grid,
+/// setVolume at least once, then for each frame begin, draw for one or more consecutive runs of planes from front to
+/// back, and finish. Throws as Renderer says.
+class Canvas {
+ public:
+  virtual ~Canvas() = default;
+  virtual void setVolume(const Volume& volume) = 0;  ///< stays alive until the next call
+  virtual void setLabels(const Volume* labels) = 0;  ///< null for none; stays alive until the next call
+  virtual void setTable(const TransferTable& table) = 0;
+  virtual void setGrid(const DrawnGrid& grid) = 0;  ///< stays alive until the next call
+  virtual void begin(const DrawJob& job) = 0;       ///< what the job refers to stays alive until finish()
+  virtual void draw(const SliceMesh& mesh) = 0;     ///< needed only during the call
+  /// Writes the pixels of the job's rectangle into the frame, whose images have their sizes already, and counts.
+  virtual void finish(Frame& frame) = 0;
+  virtual std::string driver() const = 0;
+};
+
+}  // namespace soft_volume::core
