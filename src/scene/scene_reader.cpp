@@ -8,12 +8,13 @@
 #include <sstream>
 #include <utility>
 
+#include "common/yaml_map.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/simulation/presets.h"
 #include "soft_volume/simulation/setting_names.h"
 #include "soft_volume/volume/volume_reader.h"
-#include "yaml_map.h"
+#include "volume/transfer_function_yaml.h"
 
 namespace soft_volume::core {
 namespace {
@@ -227,20 +228,8 @@ std::vector<TransferFunction::Point> pointsOfMaterials(const std::vector<Materia
 TransferFunction readTransferFunction(YamlMap map, const std::vector<Material>& materials) {
   TransferFunction function;
   function.unit_distance_m = map.number("unit_distance_m", {1e-6, 1.0, "m"}, function.unit_distance_m);
-  if (map.flag("from_materials", false)) {
-    function.points = pointsOfMaterials(materials);
-  } else {
-    for (const std::vector<double>& row : map.rows("points", 5)) {
-      const Vector3f colour = Vector3(row[1], row[2], row[3]).cast<float>();
-      function.points.push_back(pointOf(row[0], colour, static_cast<float>(row[4])));
-    }
-  }
-  try {
-    function.validate();
-  } catch (const SceneError& error) {
-    map.fail("points", std::string("cannot be used: ") + error.what());
-  }
-  map.finish();
+  function.points = map.flag("from_materials", false) ? pointsOfMaterials(materials) : readPoints(map);
+  finishTransferFunction(map, function);
   return function;
 }
 

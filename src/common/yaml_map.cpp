@@ -34,7 +34,7 @@ std::string describe(const Range& range) {
 YamlMap::YamlMap(const YAML::Node& node, std::string path, std::string origin)
     : node_(node), path_(std::move(path)), origin_(std::move(origin)) {
   if (!node_.IsMap()) {
-    throw SceneError(place(node_) + ": " + (path_.empty() ? "the scene" : path_) +
+    throw SceneError(place(node_) + ": " + (path_.empty() ? "the file" : path_) +
                      " must be a mapping of keys to values");
   }
   std::set<std::string> keys;
