@@ -86,8 +86,8 @@ core::Image FrameReplay::render(const core::Session& session, const RenderStats&
   updateRenderer(session);
   const core::RenderSettings& settings = session.scene().rendering;
   core::LegacyRenderOptions options;
-  options.slices = settings.slices;
-  options.shading = settings.shading;
+  options.slices = settings.options.slices;
+  options.shading = settings.options.shading;
   const auto camera_settings = std::find_if(settings.cameras.begin(), settings.cameras.end(),
                                             [&](const auto& c) { return c.name == stats.camera; });
   core::Camera camera = camera_settings->camera;

@@ -326,10 +326,10 @@ void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
     camera = channel.camera;
   }
   core::LegacyRenderOptions options;
-  options.slices = settings.slices;
-  options.shading = settings.shading;
+  options.slices = settings.options.slices;
+  options.shading = settings.options.shading;
   options.depth = channel.depth.getNumSubscribers() > 0;
-  options.depth_threshold = settings.depth_threshold;
+  options.depth_threshold = settings.options.depth_threshold;
   const core::LegacyFrame frame = renderer_->render(camera, snapshot.positions, options);
 
   RenderStats stats;

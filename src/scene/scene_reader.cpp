@@ -3,32 +3,26 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <limits>
 #include <set>
 #include <sstream>
 #include <utility>
 
-#include "common/yaml_map.h"
+#include "scene_reading.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/simulation/presets.h"
 #include "soft_volume/simulation/setting_names.h"
 #include "soft_volume/volume/volume_reader.h"
-#include "volume/transfer_function_yaml.h"
 
 namespace soft_volume::core {
 namespace {
 
-constexpr double kBig = std::numeric_limits<double>::max();
-constexpr Range kFinite{-kBig, kBig};
-constexpr Range kMetres{-10.0, 10.0, "m"};
-constexpr Range kFraction{0.0, 1.0};
 /// Also what an automatic step of very stiff or very slow tissue may come to.
 constexpr Range kTimeStepRange{1e-9, 10.0, "s"};
 constexpr Range kIndex{0.0, 65535.0};
 
 /// Replaces ${NAME} by the environment variable.
-std::string expand(YamlMap& map, const std::string& key, const std::string& text) {
+std::string expand(const YamlMap& map, const std::string& key, const std::string& text) {
   std::string result;
   std::size_t from = 0;
   for (std::size_t open = text.find("${"); open != std::string::npos; open = text.find("${", from)) {
@@ -50,7 +44,8 @@ std::string expand(YamlMap& map, const std::string& key, const std::string& text
   return result + text.substr(from);
 }
 
-std::string resolvePath(YamlMap& map, const std::string& key, const std::string& text, const std::string& folder) {
+std::string resolvePath(const YamlMap& map, const std::string& key, const std::string& text,
+                        const std::string& folder) {
   if (text.empty())
     return text;
   const std::filesystem::path path(expand(map, key, text));
@@ -144,11 +139,6 @@ LatticeSettings readLattice(YamlMap map) {
   return lattice;
 }
 
-template <typename Choice>
-void readChoice(YamlMap& map, const char* key, Choice& choice) {
-  choice = *choiceNamed<Choice>(map.choice(key, choiceNames<Choice>(), nameOf(choice)));
-}
-
 std::vector<SurfacePressure> readPressures(YamlMap& map) {
   std::vector<SurfacePressure> pressures;
   for (YamlMap& item : map.maps("pressures")) {
@@ -195,117 +185,6 @@ SimulationOutput readOutput(YamlMap map) {
   output.checkpoint_interval_s = map.number("checkpoint_interval_s", {0.1, 3600.0, "s"}, output.checkpoint_interval_s);
   map.finish();
   return output;
-}
-
-TransferFunction::Point pointOf(double value, const Vector3f& colour, float opacity) {
-  TransferFunction::Point point;
-  point.value = value;
-  point.colour = colour;
-  point.opacity = opacity;
-  return point;
-}
-
-/// Steps at the intervals' ends: each material in its colour, nothing between them.
-std::vector<TransferFunction::Point> pointsOfMaterials(const std::vector<Material>& materials) {
-  std::vector<Material> by_intensity;
-  std::copy_if(materials.begin(), materials.end(), std::back_inserter(by_intensity),
-               [](const Material& m) { return !m.byLabel(); });
-  std::sort(by_intensity.begin(), by_intensity.end(),
-            [](const Material& a, const Material& b) { return a.intensity_min < b.intensity_min; });
-  std::vector<TransferFunction::Point> points;
-  for (const Material& m : by_intensity) {
-    const double ramp = 1e-3 * (m.intensity_max - m.intensity_min);
-    if (points.empty() || points.back().value < m.intensity_min - ramp) {
-      points.push_back(pointOf(m.intensity_min - ramp, m.colour, 0.0F));
-    }
-    points.push_back(pointOf(m.intensity_min, m.colour, m.opacity));
-    points.push_back(pointOf(m.intensity_max - ramp, m.colour, m.opacity));
-    points.push_back(pointOf(m.intensity_max - 0.5 * ramp, m.colour, 0.0F));
-  }
-  return points;
-}
-
-TransferFunction readTransferFunction(YamlMap map, const std::vector<Material>& materials) {
-  TransferFunction function;
-  function.unit_distance_m = map.number("unit_distance_m", {1e-6, 1.0, "m"}, function.unit_distance_m);
-  function.points = map.flag("from_materials", false) ? pointsOfMaterials(materials) : readPoints(map);
-  finishTransferFunction(map, function);
-  return function;
-}
-
-Quaternion readOrientation(YamlMap& map, const std::string& key) {
-  const std::vector<double> q = map.numbers(key, 4, {-1.001, 1.001});
-  const Quaternion orientation(q[3], q[0], q[1], q[2]);
-  if (std::abs(orientation.norm() - 1.0) > 0.01)
-    map.fail(key, "must be a unit quaternion [x, y, z, w]");
-  // One that is a unit already stays as it is, so that a resolved scene reads back bit for bit.
-  return std::abs(orientation.norm() - 1.0) < 1e-12 ? orientation : orientation.normalized();
-}
-
-/// A camera by where it is and what it looks at, or, as writeScene() does, by its intrinsics and pose.
-Camera readView(YamlMap& map, int width, int height) {
-  if (map.has("eye_m")) {
-    const Vector3 eye = map.vector("eye_m", kMetres);
-    const Vector3 target = map.vector("target_m", kMetres);
-    const Vector3 up = map.vector("up", kFinite);
-    const double fov_rad = map.number("vertical_fov_rad", {0.01, 3.0, "rad"}, 0.6);
-    return Camera::lookAt(eye, target, up, fov_rad, width, height);
-  }
-  Camera camera;
-  camera.width = width;
-  camera.height = height;
-  camera.fx = map.number("fx", {1e-3, 1e6, "pixels"});
-  camera.fy = map.number("fy", {1e-3, 1e6, "pixels"});
-  camera.cx = map.number("cx", {-1e6, 1e6, "pixels"});
-  camera.cy = map.number("cy", {-1e6, 1e6, "pixels"});
-  camera.T_volume_camera.position_m = map.vector("position_m", kMetres);
-  camera.T_volume_camera.orientation = readOrientation(map, "orientation_xyzw");
-  return camera;
-}
-
-CameraSettings readCamera(YamlMap& map) {
-  constexpr Range kPixels{1.0, 8192.0, "pixels"};
-  CameraSettings settings;
-  settings.name = map.text("name");
-  const auto allowed = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
-  if (settings.name.empty() || std::isdigit(static_cast<unsigned char>(settings.name[0])) != 0 ||
-      !std::all_of(settings.name.begin(), settings.name.end(), allowed)) {
-    map.fail("name", "must be a topic name: letters, digits and _, not starting with a digit");
-  }
-  const int width = static_cast<int>(map.integer("width", kPixels, 640));
-  const int height = static_cast<int>(map.integer("height", kPixels, 480));
-  try {
-    settings.camera = readView(map, width, height);
-    settings.camera.near_m = map.number("near_m", {1e-4, 10.0, "m"}, settings.camera.near_m);
-    settings.camera.far_m = map.number("far_m", {1e-3, 100.0, "m"}, settings.camera.far_m);
-    settings.camera.validate();
-  } catch (const SceneError& error) {
-    const std::string message = error.what();
-    if (message.find(": rendering.cameras") != std::string::npos)
-      throw;
-    map.fail("name", "'" + settings.name + "' names a camera that cannot be used: " + message);
-  }
-  map.finish();
-  return settings;
-}
-
-RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials) {
-  RenderSettings rendering;
-  rendering.transfer_function = readTransferFunction(map.map("transfer_function"), materials);
-  rendering.slices = static_cast<int>(map.integer("slices", {1.0, 4096.0}, rendering.slices));
-  rendering.shading = map.number("shading", kFraction, rendering.shading);
-  rendering.depth_threshold = map.number("depth_threshold", {0.01, 0.99}, rendering.depth_threshold);
-  rendering.background = map.vector("background", kFraction, rendering.background.cast<double>()).cast<float>();
-  rendering.rate_hz = map.number("rate_hz", {0.01, 1000.0, "Hz"}, rendering.rate_hz);
-  rendering.jpeg_quality = static_cast<int>(map.integer("jpeg_quality", {1.0, 100.0}, rendering.jpeg_quality));
-  std::set<std::string> names;
-  for (YamlMap& camera : map.maps("cameras")) {
-    rendering.cameras.push_back(readCamera(camera));
-    if (!names.insert(rendering.cameras.back().name).second)
-      camera.fail("name", "is used by another camera already");
-  }
-  map.finish();
-  return rendering;
 }
 
 /// Runs a config's own validation and gives its error the place in the file.
@@ -430,19 +309,30 @@ void checkFootprints(const Scene& scene, const YamlMap& top) {
 
 }  // namespace
 
+Quaternion readOrientation(YamlMap& map, const std::string& key) {
+  const std::vector<double> q = map.numbers(key, 4, {-1.001, 1.001});
+  const Quaternion orientation(q[3], q[0], q[1], q[2]);
+  if (std::abs(orientation.norm() - 1.0) > 0.01)
+    map.fail(key, "must be a unit quaternion [x, y, z, w]");
+  // One that is a unit already stays as it is, so that a resolved scene reads back bit for bit.
+  return std::abs(orientation.norm() - 1.0) < 1e-12 ? orientation : orientation.normalized();
+}
+
+YAML::Node parseYaml(const std::string& yaml, const std::string& origin) {
+  try {
+    return YAML::Load(yaml);
+  } catch (const YAML::Exception& error) {
+    throw SceneError(origin + ":" + std::to_string(error.mark.line + 1) + ": not valid YAML: " + error.msg);
+  }
+}
+
 const ToolConfig* Scene::findTool(const std::string& id) const {
   const auto found = std::find_if(tools.begin(), tools.end(), [&id](const ToolConfig& t) { return t.id == id; });
   return found == tools.end() ? nullptr : &*found;
 }
 
 Scene parseScene(const std::string& yaml, const std::string& origin, const std::string& folder) {
-  YAML::Node root;
-  try {
-    root = YAML::Load(yaml);
-  } catch (const YAML::Exception& error) {
-    throw SceneError(origin + ":" + std::to_string(error.mark.line + 1) + ": not valid YAML: " + error.msg);
-  }
-  YamlMap top(root, "", origin);
+  YamlMap top(parseYaml(yaml, origin), "", origin);
   top.integer("format", {1.0, 1.0});
   Scene scene;
   scene.name = top.text("name");

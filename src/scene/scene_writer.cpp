@@ -3,6 +3,7 @@
 #include <array>
 #include <charconv>
 
+#include "soft_volume/render/option_names.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/simulation/setting_names.h"
 
@@ -135,6 +136,7 @@ void writeCamera(Writer& out, const CameraSettings& settings) {
   const Camera& c = settings.camera;
   out.item([&] {
     out.text("name", settings.name);
+    out.text("projection", nameOf(c.projection));
     out.number("width", c.width);
     out.number("height", c.height);
     out.number("fx", c.fx);
@@ -148,20 +150,35 @@ void writeCamera(Writer& out, const CameraSettings& settings) {
   });
 }
 
-void writeRendering(Writer& out, const RenderSettings& r) {
+void writeOptions(Writer& out, const RenderOptions& o) {
+  out.number("slices", o.slices);
+  out.number("step_m", o.step_m);
+  out.number("shading", o.shading);
+  out.number("specular", o.specular);
+  out.flag("exact_boundary", o.exact_boundary);
+  out.flag("adaptive", o.adaptive);
+  out.flag("jitter", o.jitter);
+  out.number("depth_threshold", o.depth_threshold);
+  out.list("clip_planes", o.clip_planes, [&out](const ClipPlane& p) {
+    out.row(std::array<double, 4>{p.normal.x(), p.normal.y(), p.normal.z(), p.offset_m});
+  });
+}
+
+/// Everything but the cameras.
+void writeSettings(Writer& out, const RenderSettings& r) {
   out.map("transfer_function", [&] {
     out.number("unit_distance_m", r.transfer_function.unit_distance_m);
     out.list("points", r.transfer_function.points, [&out](const TransferFunction::Point& p) {
       out.row(std::array<double, 5>{p.value, p.colour.x(), p.colour.y(), p.colour.z(), p.opacity});
     });
   });
-  out.number("slices", r.slices);
-  out.number("shading", r.shading);
-  out.number("depth_threshold", r.depth_threshold);
+  out.text("backend", nameOf(r.backend));
+  writeOptions(out, r.options);
+  out.flag("incremental", r.incremental);
+  out.flag("progressive", r.progressive);
   out.colour("background", r.background);
   out.number("rate_hz", r.rate_hz);
   out.number("jpeg_quality", r.jpeg_quality);
-  out.list("cameras", r.cameras, [&out](const CameraSettings& c) { writeCamera(out, c); });
 }
 
 void writeTool(Writer& out, const ToolConfig& t) {
@@ -229,6 +246,12 @@ void writeDevice(Writer& out, const Scene& scene) {
 
 }  // namespace
 
+std::string writeRendering(const RenderSettings& settings) {
+  Writer out;
+  out.item([&] { writeSettings(out, settings); });
+  return out.text();
+}
+
 std::string writeScene(const Scene& scene) {
   Writer out;
   out.item([&] {
@@ -251,7 +274,10 @@ std::string writeScene(const Scene& scene) {
       out.number("key_frame_interval_s", scene.output.key_frame_interval_s);
       out.number("checkpoint_interval_s", scene.output.checkpoint_interval_s);
     });
-    out.map("rendering", [&] { writeRendering(out, scene.rendering); });
+    out.map("rendering", [&] {
+      writeSettings(out, scene.rendering);
+      out.list("cameras", scene.rendering.cameras, [&out](const CameraSettings& c) { writeCamera(out, c); });
+    });
     out.list("tools", scene.tools, [&out](const ToolConfig& t) { writeTool(out, t); });
     out.map("device", [&] { writeDevice(out, scene); });
   });

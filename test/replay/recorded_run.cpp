@@ -53,7 +53,7 @@ core::Scene scene() {
   scene.lattice.fixed_regions_m = {core::Box3(core::Vector3(-1, -1, -1), core::Vector3(1, 1, 0.004))};
   scene.rendering.transfer_function.points = {{0.0, core::Vector3f(0.2F, 0.1F, 0.1F), 0.0F},
                                               {2000.0, core::Vector3f(1.0F, 0.8F, 0.7F), 0.4F}};
-  scene.rendering.slices = 20;
+  scene.rendering.options.slices = 20;
   core::CameraSettings camera;
   camera.name = "camera";
   camera.camera = core::Camera::lookAt({0.1, 0.02, 0.03}, {0.019, 0.019, 0.019}, {0, 0, 1}, 0.6, 48, 40);
@@ -236,8 +236,8 @@ class Run {
   void publishFrame() {
     const core::RenderSettings& settings = session_.scene().rendering;
     core::LegacyRenderOptions options;
-    options.slices = settings.slices;
-    options.shading = settings.shading;
+    options.slices = settings.options.slices;
+    options.shading = settings.options.shading;
     std::vector<core::Vector3f> positions;
     for (const core::Vector3& p : session_.simulation().positions())
       positions.push_back(p.cast<float>());

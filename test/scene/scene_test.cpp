@@ -183,6 +183,139 @@ TEST(Scene, EveryKeyOfTheSimulationSurvivesTheResolvedText) {
   EXPECT_EQ(again.lattice.spacing_m, scene.lattice.spacing_m);
 }
 
+/// Every key of the rendering but its cameras, with a value that is not its default.
+constexpr char kUnusualRendering[] = R"(transfer_function:
+  unit_distance_m: 0.0007
+  points: [[-5.5, 0, 0.1, 0.2, 0], [1000, 1, 0.9, 0.3333333333333333, 1]]
+backend: exact
+slices: 4096
+step_m: 0.00123
+shading: 0.3
+specular: 0.9
+exact_boundary: true
+adaptive: true
+jitter: true
+depth_threshold: 0.25
+clip_planes: [[1, 0, 0, 0.04], [3, 0, -4, -0.01]]
+incremental: false
+progressive: true
+background: [0.1, 0.2, 0.3]
+rate_hz: 33.3
+jpeg_quality: 42
+)";
+
+RenderSettings unusualRendering() {
+  RenderSettings r;
+  r.transfer_function.unit_distance_m = 0.0007;
+  r.transfer_function.points = {{-5.5, Vector3f(0.0F, 0.1F, 0.2F), 0.0F},
+                                {1000.0, Vector3f(1.0F, 0.9F, 1 / 3.0F), 1.0F}};
+  r.backend = Backend::kExact;
+  r.options.slices = 4096;
+  r.options.step_m = 0.00123;
+  r.options.shading = 0.3;
+  r.options.specular = 0.9;
+  r.options.exact_boundary = true;
+  r.options.adaptive = true;
+  r.options.jitter = true;
+  r.options.depth_threshold = 0.25;
+  r.options.clip_planes = {{Vector3(1, 0, 0), 0.04}, {Vector3(0.6, 0, -0.8), -0.01}};
+  r.incremental = false;
+  r.progressive = true;
+  r.background = {0.1F, 0.2F, 0.3F};
+  r.rate_hz = 33.3;
+  r.jpeg_quality = 42;
+  return r;
+}
+
+void expectEqual(const TransferFunction& a, const TransferFunction& b) {
+  EXPECT_EQ(a.unit_distance_m, b.unit_distance_m);
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (std::size_t n = 0; n < a.points.size(); ++n) {
+    EXPECT_EQ(a.points[n].value, b.points[n].value);
+    EXPECT_EQ(a.points[n].colour, b.points[n].colour);
+    EXPECT_EQ(a.points[n].opacity, b.points[n].opacity);
+  }
+}
+
+void expectEqual(const RenderOptions& a, const RenderOptions& b) {
+  EXPECT_EQ(a.slices, b.slices);
+  EXPECT_EQ(a.step_m, b.step_m);
+  EXPECT_EQ(a.shading, b.shading);
+  EXPECT_EQ(a.specular, b.specular);
+  EXPECT_EQ(a.exact_boundary, b.exact_boundary);
+  EXPECT_EQ(a.adaptive, b.adaptive);
+  EXPECT_EQ(a.jitter, b.jitter);
+  EXPECT_EQ(a.depth_threshold, b.depth_threshold);
+  ASSERT_EQ(a.clip_planes.size(), b.clip_planes.size());
+  for (std::size_t n = 0; n < a.clip_planes.size(); ++n) {
+    EXPECT_EQ(a.clip_planes[n].normal, b.clip_planes[n].normal);
+    EXPECT_EQ(a.clip_planes[n].offset_m, b.clip_planes[n].offset_m);
+  }
+}
+
+void expectEqual(const RenderSettings& a, const RenderSettings& b) {
+  expectEqual(a.transfer_function, b.transfer_function);
+  EXPECT_EQ(a.backend, b.backend);
+  expectEqual(a.options, b.options);
+  EXPECT_EQ(a.incremental, b.incremental);
+  EXPECT_EQ(a.progressive, b.progressive);
+  EXPECT_EQ(a.background, b.background);
+  EXPECT_EQ(a.rate_hz, b.rate_hz);
+  EXPECT_EQ(a.jpeg_quality, b.jpeg_quality);
+}
+
+TEST(Scene, ReadsEveryKeyOfTheRendering) {
+  const RenderSettings read = overrideRendering(smallScene(), kUnusualRendering, "text");
+  expectEqual(read, unusualRendering());
+  EXPECT_EQ(read.cameras.size(), 1U);
+}
+
+TEST(Scene, EveryKeyOfTheRenderingSurvivesTheResolvedText) {
+  Scene scene = smallScene();
+  const std::vector<CameraSettings> cameras = scene.rendering.cameras;
+  scene.rendering = unusualRendering();
+  scene.rendering.options.clip_planes[1].normal = Vector3(1, 2, 3).normalized();
+  scene.rendering.cameras = cameras;
+  expectEqual(parseScene(writeScene(scene), "resolved", "/").rendering, scene.rendering);
+  expectEqual(overrideRendering(smallScene(), writeRendering(scene.rendering), "resolved"), scene.rendering);
+}
+
+TEST(Scene, KeysOfTheRenderingAreOverriddenOneByOne) {
+  const Scene scene = smallScene();
+  RenderSettings expected = scene.rendering;
+  expectEqual(overrideRendering(scene, "{}", "text"), expected);
+  expected.backend = Backend::kGl;
+  expected.options.slices = 7;
+  expectEqual(overrideRendering(scene, "{slices: 7, backend: gl}", "text"), expected);
+  const auto refused = [&scene](const std::string& yaml, const std::string& part) {
+    try {
+      overrideRendering(scene, yaml, "the parameters");
+      ADD_FAILURE() << yaml << " was accepted";
+    } catch (const SceneError& error) {
+      EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
+    }
+  };
+  refused("{slices: 0}", "the parameters:1: slices is 0; it must be within [1, 4096]");
+  refused("{slice: 7}", "unknown key slice");
+  refused("{cameras: []}", "unknown key cameras");
+  refused("{transfer_function: {points: [[0, 0, 0, 0, 0]]}}", "transfer_function.points");
+  refused("slices: [", "not valid YAML");
+  refused("", "mapping");
+}
+
+TEST(Scene, CamerasMayBeParallel) {
+  const std::string text = replaced(smallSceneText(), "up: [0, 0, 1]",
+                                    "up: [0, 0, 1]\n      projection: parallel\n      view_height_m: 0.12");
+  const Scene scene = parseScene(text, "scene", "/");
+  const Camera& camera = scene.rendering.cameras[0].camera;
+  EXPECT_EQ(camera.projection, Projection::kParallel);
+  EXPECT_DOUBLE_EQ(camera.fx, 60 / 0.12);  // pixels per metre
+  EXPECT_EQ(smallScene().rendering.cameras[0].camera.projection, Projection::kPerspective);
+  const Camera again = parseScene(writeScene(scene), "resolved", "/").rendering.cameras[0].camera;
+  EXPECT_EQ(again.projection, Projection::kParallel);
+  EXPECT_EQ(again.fx, camera.fx);
+}
+
 TEST(Scene, CellsMayBeBoxes) {
   const auto spacing = [](const std::string& text) {
     return parseScene(replaced(smallSceneText(), "spacing_m: 0.008", "spacing_m: " + text), "a", "/").lattice.spacing_m;
@@ -279,7 +412,24 @@ TEST(Scene, RejectsOneBadValuePerField) {
       {"from_materials: true", "from_materials: true\n    unit_distance_m: 0", "unit_distance_m"},
       {"slices: 40", "slices: 0", "rendering.slices"},
       {"slices: 40", "slices: 2.5", "rendering.slices"},
+      {"slices: 40", "backend: cuda", "rendering.backend"},
+      {"slices: 40", "step_m: -0.001", "rendering.step_m"},
+      {"slices: 40", "step_m: 2", "rendering.step_m"},
       {"slices: 40", "shading: 2", "rendering.shading"},
+      {"slices: 40", "specular: 1.1", "rendering.specular"},
+      {"slices: 40", "exact_boundary: 2", "rendering.exact_boundary"},
+      {"slices: 40", "adaptive: often", "rendering.adaptive"},
+      {"slices: 40", "jitter: 0.5", "rendering.jitter"},
+      {"slices: 40", "clip_planes: [[1, 0, 0]]", "rendering.clip_planes"},
+      {"slices: 40", "clip_planes: [[0, 0, 0, 0.1]]", "rendering.clip_planes"},
+      {"slices: 40", "clip_planes: [[1, 0, 0, .nan]]", "rendering.clip_planes"},
+      {"slices: 40", "clip_planes: 0.1", "rendering.clip_planes"},
+      {"slices: 40",
+       "clip_planes: [[1, 0, 0, 1], [1, 0, 0, 1], [1, 0, 0, 1], [1, 0, 0, 1], [1, 0, 0, 1], [1, 0, 0, 1], "
+       "[1, 0, 0, 1], [1, 0, 0, 1], [1, 0, 0, 1]]",
+       "lists more than 8 planes"},
+      {"slices: 40", "incremental: 7", "rendering.incremental"},
+      {"slices: 40", "progressive: 7", "rendering.progressive"},
       {"slices: 40", "depth_threshold: 1", "rendering.depth_threshold"},
       {"slices: 40", "background: [0, 0, 7]", "rendering.background"},
       {"slices: 40", "rate_hz: 0", "rendering.rate_hz"},
@@ -290,6 +440,10 @@ TEST(Scene, RejectsOneBadValuePerField) {
       {"up: [0, 0, 1]", "up: [0, 0, 0]", "cameras[0]"},
       {"up: [0, 0, 1]", "up: [0, 0, 1]\n      vertical_fov_rad: 4", "vertical_fov_rad"},
       {"up: [0, 0, 1]", "up: [0, 0, 1]\n      near_m: 20", "near_m"},
+      {"up: [0, 0, 1]", "up: [0, 0, 1]\n      projection: fisheye", "cameras[0].projection"},
+      {"up: [0, 0, 1]", "up: [0, 0, 1]\n      projection: parallel", "cameras[0].view_height_m is missing"},
+      {"up: [0, 0, 1]", "up: [0, 0, 1]\n      projection: parallel\n      view_height_m: 0", "view_height_m"},
+      {"up: [0, 0, 1]", "up: [0, 0, 1]\n      view_height_m: 0.1", "unknown key rendering.cameras[0].view_height_m"},
       {"eye_m: [0.024, -0.2, 0.06]", "eye_m: [0.024, .inf, 0.06]", "eye_m"},
       {"- id: scalpel", "- id: probe", "tools[1].id"},
       {"kind: scalpel", "kind: spoon", "tools[1].kind"},

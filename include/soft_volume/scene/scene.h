@@ -9,6 +9,7 @@
 #include "soft_volume/material/lattice_setup.h"
 #include "soft_volume/material/material.h"
 #include "soft_volume/render/camera.h"
+#include "soft_volume/render/renderer.h"
 #include "soft_volume/simulation/simulation.h"
 #include "soft_volume/tool/tool.h"
 #include "soft_volume/tool/virtual_device.h"
@@ -39,15 +40,20 @@ struct CameraSettings {
   Camera camera;
 };
 
+/// How frames are made; what a frame shows besides (depth, labels) and the threads are its receivers' business.
 struct RenderSettings {
   TransferFunction transfer_function;
-  int slices = 125;                        ///< planes over the depth of the grid at rest
-  double shading = 0.7;                    ///< 0: colours as they are, 1: full light
-  double depth_threshold = 0.5;            ///< accumulated opacity at which depth is taken
+  Backend backend = Backend::kNative;
+  RenderOptions options;                   ///< without lookup, depth, labels and threads
+  bool incremental = true;                 ///< draw only what positions changed; the frames are the same without
+  bool progressive = false;                ///< after a change of view first coarse frames, then finer ones
   Vector3f background = Vector3f::Zero();  ///< RGB in [0, 1]
   double rate_hz = 10.0;                   ///< most frames per second of simulated time and camera
   int jpeg_quality = 90;
   std::vector<CameraSettings> cameras;
+
+  /// The options of a frame whose planes are `times` as far apart: what a frame that is still refined is drawn with.
+  RenderOptions coarser(std::uint32_t times) const;
 };
 
 /// A run: what is simulated, touched and seen. Everything is validated when it is loaded, so code that gets a Scene
@@ -80,6 +86,13 @@ Scene parseScene(const std::string& yaml, const std::string& origin, const std::
 /// The resolved scene: every key with its value, so that parseScene(writeScene(s)) is s. Numbers are written with all
 /// digits. This is what the Scene message and the bag hold.
 std::string writeScene(const Scene& scene);
+
+/// The scene's rendering with the keys of `yaml`, a mapping as under `rendering:` in a scene file but without cameras,
+/// in place of its own. Throws SceneError as parseScene(); `origin` names the text in errors.
+RenderSettings overrideRendering(const Scene& scene, const std::string& yaml, const std::string& origin);
+
+/// The resolved settings as such a mapping: every key but the cameras.
+std::string writeRendering(const RenderSettings& settings);
 
 /// The volumes that a scene names, with region and stride applied.
 struct SceneVolumes {

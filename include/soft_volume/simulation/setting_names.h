@@ -1,25 +1,13 @@
 #pragma once
 
 #include <array>
-#include <optional>
-#include <string>
-#include <vector>
 
+#include "soft_volume/common/named_choice.h"
 #include "soft_volume/simulation/settings.h"
 
 namespace soft_volume::core {
 
-// The words by which scene files, messages, tables and plots call the choices of SimulationSettings.
-
-template <typename Choice>
-struct NamedChoice {
-  const char* name;
-  Choice choice;
-};
-
-/// All choices of an enumeration with their names.
-template <typename Choice>
-constexpr std::array<NamedChoice<Choice>, 0> kChoices{};
+// The names of the choices of SimulationSettings.
 
 template <>
 inline constexpr std::array<NamedChoice<Integrator>, 6> kChoices<Integrator>{
@@ -45,32 +33,5 @@ inline constexpr std::array<NamedChoice<SpringRule>, 2> kChoices<SpringRule>{
 template <>
 inline constexpr std::array<NamedChoice<Precision>, 2> kChoices<Precision>{
     {{"float", Precision::kFloat}, {"double", Precision::kDouble}}};
-
-template <typename Choice>
-const char* nameOf(Choice choice) {
-  for (const auto& named : kChoices<Choice>) {
-    if (named.choice == choice)
-      return named.name;
-  }
-  return "";
-}
-
-/// Nothing when no choice has that name.
-template <typename Choice>
-std::optional<Choice> choiceNamed(const std::string& name) {
-  for (const auto& named : kChoices<Choice>) {
-    if (name == named.name)
-      return named.choice;
-  }
-  return std::nullopt;
-}
-
-template <typename Choice>
-std::vector<std::string> choiceNames() {
-  std::vector<std::string> names;
-  for (const auto& named : kChoices<Choice>)
-    names.emplace_back(named.name);
-  return names;
-}
 
 }  // namespace soft_volume::core

@@ -1,0 +1,189 @@
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <iterator>
+#include <set>
+
+#include "scene_reading.h"
+#include "soft_volume/common/error.h"
+#include "soft_volume/render/option_names.h"
+#include "volume/transfer_function_yaml.h"
+
+namespace soft_volume::core {
+namespace {
+
+TransferFunction::Point pointOf(double value, const Vector3f& colour, float opacity) {
+  TransferFunction::Point point;
+  point.value = value;
+  point.colour = colour;
+  point.opacity = opacity;
+  return point;
+}
+
+/// Steps at the intervals' ends: each material in its colour, nothing between them.
+std::vector<TransferFunction::Point> pointsOfMaterials(const std::vector<Material>& materials) {
+  std::vector<Material> by_intensity;
+  std::copy_if(materials.begin(), materials.end(), std::back_inserter(by_intensity),
+               [](const Material& m) { return !m.byLabel(); });
+  std::sort(by_intensity.begin(), by_intensity.end(),
+            [](const Material& a, const Material& b) { return a.intensity_min < b.intensity_min; });
+  std::vector<TransferFunction::Point> points;
+  for (const Material& m : by_intensity) {
+    const double ramp = 1e-3 * (m.intensity_max - m.intensity_min);
+    if (points.empty() || points.back().value < m.intensity_min - ramp) {
+      points.push_back(pointOf(m.intensity_min - ramp, m.colour, 0.0F));
+    }
+    points.push_back(pointOf(m.intensity_min, m.colour, m.opacity));
+    points.push_back(pointOf(m.intensity_max - ramp, m.colour, m.opacity));
+    points.push_back(pointOf(m.intensity_max - 0.5 * ramp, m.colour, 0.0F));
+  }
+  return points;
+}
+
+TransferFunction readTransferFunction(YamlMap map, const std::vector<Material>& materials) {
+  TransferFunction function;
+  function.unit_distance_m = map.number("unit_distance_m", {1e-6, 1.0, "m"}, function.unit_distance_m);
+  function.points = map.flag("from_materials", false) ? pointsOfMaterials(materials) : readPoints(map);
+  finishTransferFunction(map, function);
+  return function;
+}
+
+Camera readLookAt(YamlMap& map, Projection projection, int width, int height) {
+  const Vector3 eye = map.vector("eye_m", kMetres);
+  const Vector3 target = map.vector("target_m", kMetres);
+  const Vector3 up = map.vector("up", kFinite);
+  if (projection == Projection::kParallel) {
+    const double height_m = map.number("view_height_m", {1e-4, 100.0, "m"});
+    return Camera::lookAtParallel(eye, target, up, height_m, width, height);
+  }
+  const double fov_rad = map.number("vertical_fov_rad", {0.01, 3.0, "rad"}, 0.6);
+  return Camera::lookAt(eye, target, up, fov_rad, width, height);
+}
+
+/// A camera by where it is and what it looks at, or, as writeScene() does, by its intrinsics and pose.
+Camera readView(YamlMap& map, int width, int height) {
+  Camera camera;
+  readChoice(map, "projection", camera.projection);
+  if (map.has("eye_m"))
+    return readLookAt(map, camera.projection, width, height);
+  camera.width = width;
+  camera.height = height;
+  camera.fx = map.number("fx", {1e-3, 1e6, "pixels"});
+  camera.fy = map.number("fy", {1e-3, 1e6, "pixels"});
+  camera.cx = map.number("cx", {-1e6, 1e6, "pixels"});
+  camera.cy = map.number("cy", {-1e6, 1e6, "pixels"});
+  camera.T_volume_camera.position_m = map.vector("position_m", kMetres);
+  camera.T_volume_camera.orientation = readOrientation(map, "orientation_xyzw");
+  return camera;
+}
+
+CameraSettings readCamera(YamlMap& map) {
+  constexpr Range kPixels{1.0, 8192.0, "pixels"};
+  CameraSettings settings;
+  settings.name = map.text("name");
+  const auto allowed = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
+  if (settings.name.empty() || std::isdigit(static_cast<unsigned char>(settings.name[0])) != 0 ||
+      !std::all_of(settings.name.begin(), settings.name.end(), allowed)) {
+    map.fail("name", "must be a topic name: letters, digits and _, not starting with a digit");
+  }
+  const int width = static_cast<int>(map.integer("width", kPixels, 640));
+  const int height = static_cast<int>(map.integer("height", kPixels, 480));
+  try {
+    settings.camera = readView(map, width, height);
+    settings.camera.near_m = map.number("near_m", {1e-4, 10.0, "m"}, settings.camera.near_m);
+    settings.camera.far_m = map.number("far_m", {1e-3, 100.0, "m"}, settings.camera.far_m);
+    settings.camera.validate();
+  } catch (const SceneError& error) {
+    const std::string message = error.what();
+    if (message.find(": rendering.cameras") != std::string::npos)
+      throw;
+    map.fail("name", "'" + settings.name + "' names a camera that cannot be used: " + message);
+  }
+  map.finish();
+  return settings;
+}
+
+std::vector<CameraSettings> readCameras(YamlMap& map) {
+  std::vector<CameraSettings> cameras;
+  std::set<std::string> names;
+  for (YamlMap& camera : map.maps("cameras")) {
+    cameras.push_back(readCamera(camera));
+    if (!names.insert(cameras.back().name).second)
+      camera.fail("name", "is used by another camera already");
+  }
+  return cameras;
+}
+
+/// Rows [normal x, y, z, offset_m]. The normal may have any length, the offset counts along its direction.
+std::vector<ClipPlane> readClipPlanes(YamlMap& map) {
+  std::vector<ClipPlane> planes;
+  for (const std::vector<double>& row : map.rows("clip_planes", 4)) {
+    ClipPlane plane;
+    plane.normal = {row[0], row[1], row[2]};
+    plane.offset_m = row[3];
+    const double length = plane.normal.norm();
+    if (!(length > 1e-9 && length < 1e9))
+      map.fail("clip_planes", "has a plane whose normal has no direction");
+    if (std::abs(length - 1.0) > 1e-12)
+      plane.normal /= length;
+    planes.push_back(plane);
+  }
+  if (planes.size() > RenderOptions::kMaxClipPlanes) {
+    map.fail("clip_planes", "lists more than " + std::to_string(RenderOptions::kMaxClipPlanes) + " planes");
+  }
+  return planes;
+}
+
+void readOptions(YamlMap& map, RenderOptions& options) {
+  options.slices = static_cast<int>(map.integer("slices", {1.0, 4096.0}, options.slices));
+  options.step_m = map.number("step_m", {0.0, 1.0, "m"}, options.step_m);
+  options.shading = map.number("shading", kFraction, options.shading);
+  options.specular = map.number("specular", kFraction, options.specular);
+  options.exact_boundary = map.flag("exact_boundary", options.exact_boundary);
+  options.adaptive = map.flag("adaptive", options.adaptive);
+  options.jitter = map.flag("jitter", options.jitter);
+  options.depth_threshold = map.number("depth_threshold", {0.01, 0.99}, options.depth_threshold);
+  if (map.has("clip_planes"))
+    options.clip_planes = readClipPlanes(map);
+}
+
+/// Every key but the cameras; what is not there stays as it is in `r`.
+void readSettings(YamlMap& map, const std::vector<Material>& materials, RenderSettings& r) {
+  if (map.has("transfer_function") || r.transfer_function.points.empty())
+    r.transfer_function = readTransferFunction(map.map("transfer_function"), materials);
+  readChoice(map, "backend", r.backend);
+  readOptions(map, r.options);
+  r.incremental = map.flag("incremental", r.incremental);
+  r.progressive = map.flag("progressive", r.progressive);
+  r.background = map.vector("background", kFraction, r.background.cast<double>()).cast<float>();
+  r.rate_hz = map.number("rate_hz", {0.01, 1000.0, "Hz"}, r.rate_hz);
+  r.jpeg_quality = static_cast<int>(map.integer("jpeg_quality", {1.0, 100.0}, r.jpeg_quality));
+}
+
+}  // namespace
+
+RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials) {
+  RenderSettings rendering;
+  readSettings(map, materials, rendering);
+  rendering.cameras = readCameras(map);
+  map.finish();
+  return rendering;
+}
+
+RenderOptions RenderSettings::coarser(std::uint32_t times) const {
+  RenderOptions coarse = options;
+  coarse.slices = std::max(1, options.slices / static_cast<int>(std::max(1U, std::min(times, 4096U))));
+  coarse.step_m = options.step_m * times;
+  return coarse;
+}
+
+RenderSettings overrideRendering(const Scene& scene, const std::string& yaml, const std::string& origin) {
+  YamlMap map(parseYaml(yaml, origin), "", origin);
+  RenderSettings rendering = scene.rendering;
+  readSettings(map, scene.materials, rendering);
+  map.finish();
+  return rendering;
+}
+
+}  // namespace soft_volume::core
