@@ -1,5 +1,6 @@
 #include "soft_volume/render/slice_table.h"
 
+#include <algorithm>
 #include <cassert>
 
 namespace soft_volume::core {
@@ -9,10 +10,11 @@ constexpr std::uint8_t kNone = 255;
 
 /// For every cut edge the next one around its loop.
 using NextEdge = std::array<std::uint8_t, 12>;
+using Table = std::array<SliceLoops, 256>;
 
-std::uint8_t edgeBetween(std::uint8_t a, std::uint8_t b) {
-  for (std::uint8_t e = 0; e < kHexahedronEdges.size(); ++e) {
-    const auto& edge = kHexahedronEdges[e];
+std::uint8_t edgeBetween(const CellShape& shape, std::uint8_t a, std::uint8_t b) {
+  for (std::uint8_t e = 0; e < shape.edge_count; ++e) {
+    const auto& edge = shape.edges[e];
     if ((edge[0] == a && edge[1] == b) || (edge[0] == b && edge[1] == a))
       return e;
   }
@@ -23,13 +25,15 @@ std::uint8_t edgeBetween(std::uint8_t a, std::uint8_t b) {
 /// The segments of one face: walking around it, every run of positive corners is cut off by the segment from the edge
 /// where the run ends to the edge where it began. A neighbour walks the other way around, so each cut edge ends one
 /// segment and starts another, and the segments of all faces close to loops.
-void addFaceSegments(const std::array<std::uint8_t, 4>& face, int signs, NextEdge& next) {
-  const auto positive = [&](int corner) { return (signs >> face[corner % 4] & 1) != 0; };
-  const auto edgeAfter = [&](int corner) { return edgeBetween(face[corner % 4], face[(corner + 1) % 4]); };
-  for (int begin = 0; begin < 4; ++begin) {
+void addFaceSegments(const CellShape& shape, std::size_t face, unsigned signs, NextEdge& next) {
+  const std::size_t size = shape.face_sizes[face];
+  const auto vertex = [&](std::size_t corner) { return shape.faces[face][corner % size]; };
+  const auto positive = [&](std::size_t corner) { return (signs >> vertex(corner) & 1) != 0; };
+  const auto edgeAfter = [&](std::size_t corner) { return edgeBetween(shape, vertex(corner), vertex(corner + 1)); };
+  for (std::size_t begin = 0; begin < size; ++begin) {
     if (positive(begin) || !positive(begin + 1))
       continue;
-    int end = begin + 1;
+    std::size_t end = begin + 1;
     while (positive(end + 1))
       ++end;
     next[edgeAfter(end)] = edgeAfter(begin);
@@ -38,11 +42,11 @@ void addFaceSegments(const std::array<std::uint8_t, 4>& face, int signs, NextEdg
 
 SliceLoops walkLoops(NextEdge next) {
   SliceLoops loops;
-  int count = 0;
+  std::size_t count = 0;
   for (std::uint8_t start = 0; start < next.size(); ++start) {
     if (next[start] == kNone)
       continue;
-    const int first = count;
+    const std::size_t first = count;
     for (std::uint8_t edge = start; next[edge] != kNone;) {
       loops.edges[count++] = edge;
       const std::uint8_t following = next[edge];
@@ -54,23 +58,47 @@ SliceLoops walkLoops(NextEdge next) {
   return loops;
 }
 
-std::array<SliceLoops, 256> buildHexahedronTable() {
-  std::array<SliceLoops, 256> table;
-  for (int signs = 0; signs < 256; ++signs) {
+Table buildTable(CellType type) {
+  const CellShape& shape = shapeOf(type);
+  Table table;
+  for (unsigned signs = 0; signs < 1U << shape.vertex_count; ++signs) {
     NextEdge next;
     next.fill(kNone);
-    for (const auto& face : kHexahedronFaces)
-      addFaceSegments(face, signs, next);
-    table[std::size_t(signs)] = walkLoops(next);
+    for (std::size_t face = 0; face < shape.face_count; ++face)
+      addFaceSegments(shape, face, signs, next);
+    table[signs] = walkLoops(next);
   }
   return table;
 }
 
+template <CellType kType>
+const Table& tableOf() {
+  static const Table kTable = buildTable(kType);
+  return kTable;
+}
+
 }  // namespace
 
+const SliceLoops* sliceTable(CellType type) {
+  switch (type) {
+    case CellType::kTetrahedron:
+      return tableOf<CellType::kTetrahedron>().data();
+    case CellType::kVoxel:
+      return tableOf<CellType::kVoxel>().data();
+    case CellType::kHexahedron:
+      return tableOf<CellType::kHexahedron>().data();
+    case CellType::kWedge:
+      return tableOf<CellType::kWedge>().data();
+    case CellType::kPyramid:
+      return tableOf<CellType::kPyramid>().data();
+    default:
+      shapeOf(type);  // throws
+      return nullptr;
+  }
+}
+
 const std::array<SliceLoops, 256>& hexahedronSliceTable() {
-  static const std::array<SliceLoops, 256> kTable = buildHexahedronTable();
-  return kTable;
+  return tableOf<CellType::kHexahedron>();
 }
 
 }  // namespace soft_volume::core
