@@ -270,10 +270,9 @@ void GridSlicer::Impl::fillBuckets(int threads) {
                           [&](std::size_t edge) { return is_edge_used_[edge] != 0 ? edgeRange(edge) : kNowhere; });
 }
 
-/// What lies before plane `number` and behind the plane before it; one distance where there is none.
+/// What lies between plane `number` and the one before it; where there is none, the ladder of planes goes on.
 ExtraPlanes GridSlicer::Impl::slab(int number) const {
-  const double back_m = planes_.depth(number);
-  return {back_m - planes_.distance_m, back_m};
+  return {planes_.depth(number - 1), planes_.depth(number)};
 }
 
 void GridSlicer::Impl::findMissed(const Camera& camera, const std::vector<std::uint8_t>& skip, int threads) {
@@ -286,9 +285,8 @@ void GridSlicer::Impl::findMissed(const Camera& camera, const std::vector<std::u
         continue;
       DepthSpan span;
       forEachVertex(grid, cell, [&](std::uint32_t v) { span.add(grid.positions[v].z()); });
-      const double front_m = planes_.depth(range.first - 1);
-      const float low_m = std::max({span.low_m, float(camera.near_m), float(front_m)});
-      const float high_m = std::min({span.high_m, float(camera.far_m), float(front_m + planes_.distance_m)});
+      const float low_m = std::max({span.low_m, float(camera.near_m), planes_.z(range.first - 1)});
+      const float high_m = std::min({span.high_m, float(camera.far_m), planes_.z(range.first)});
       if (low_m >= high_m)
         continue;
       const ExtraPlace place = slab(range.first).placeFor(low_m, high_m);
