@@ -27,6 +27,8 @@ class YamlMap {
   YamlMap(const YAML::Node& node, std::string path, std::string origin);
 
   bool has(const std::string& key) const { return node_[key].IsDefined(); }
+  /// Whether the key is there with a single value, not with a list or a mapping.
+  bool isText(const std::string& key) const { return node_[key].IsDefined() && node_[key].IsScalar(); }
 
   double number(const std::string& key, const Range& range);
   double number(const std::string& key, const Range& range, double fallback);

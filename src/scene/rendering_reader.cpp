@@ -41,12 +41,40 @@ std::vector<TransferFunction::Point> pointsOfMaterials(const std::vector<Materia
   return points;
 }
 
-TransferFunction readTransferFunction(YamlMap map, const std::vector<Material>& materials) {
+TransferFunction readFunction(YamlMap map, const std::vector<Material>& materials) {
   TransferFunction function;
   function.unit_distance_m = map.number("unit_distance_m", {1e-6, 1.0, "m"}, function.unit_distance_m);
   function.points = map.flag("from_materials", false) ? pointsOfMaterials(materials) : readPoints(map);
   finishTransferFunction(map, function);
   return function;
+}
+
+/// A preset's name has no folder and no suffix.
+bool isPreset(const std::string& source) {
+  return source.find_first_of("/.$") == std::string::npos;
+}
+
+TransferFunctionFile readFile(YamlMap& map, const char* key, const std::string& folder) {
+  const std::string source = map.text(key);
+  try {
+    return readTransferFunction(isPreset(source) ? source : resolvePath(map, key, source, folder));
+  } catch (const FileError& error) {
+    map.fail(key, std::string("cannot be used: ") + error.what());
+  }
+}
+
+/// A mapping, or the name of a preset or file.
+void readTransfer(YamlMap& map, const std::vector<Material>& materials, const std::string& folder, RenderSettings& r) {
+  constexpr char kKey[] = "transfer_function";
+  r.transfer_file.reset();
+  if (!map.isText(kKey)) {
+    r.transfer_function = readFunction(map.map(kKey), materials);
+    return;
+  }
+  const TransferFunctionFile file = readFile(map, kKey, folder);
+  r.transfer_function = file.function;
+  if (file.relative || !file.states_distance)
+    r.transfer_file = file;
 }
 
 Camera readLookAt(YamlMap& map, Projection projection, int width, int height) {
@@ -149,9 +177,9 @@ void readOptions(YamlMap& map, RenderOptions& options) {
 }
 
 /// Every key but the cameras; what is not there stays as it is in `r`.
-void readSettings(YamlMap& map, const std::vector<Material>& materials, RenderSettings& r) {
+void readSettings(YamlMap& map, const std::vector<Material>& materials, const std::string& folder, RenderSettings& r) {
   if (map.has("transfer_function") || r.transfer_function.points.empty())
-    r.transfer_function = readTransferFunction(map.map("transfer_function"), materials);
+    readTransfer(map, materials, folder, r);
   readChoice(map, "backend", r.backend);
   readOptions(map, r.options);
   r.incremental = map.flag("incremental", r.incremental);
@@ -163,9 +191,9 @@ void readSettings(YamlMap& map, const std::vector<Material>& materials, RenderSe
 
 }  // namespace
 
-RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials) {
+RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials, const std::string& folder) {
   RenderSettings rendering;
-  readSettings(map, materials, rendering);
+  readSettings(map, materials, folder, rendering);
   rendering.cameras = readCameras(map);
   map.finish();
   return rendering;
@@ -178,10 +206,18 @@ RenderOptions RenderSettings::coarser(std::uint32_t times) const {
   return coarse;
 }
 
+void fitTransferFunction(RenderSettings& settings, const Volume& volume) {
+  if (!settings.transfer_file)
+    return;
+  const double diagonal_m = volume.geometry().bounds().diagonal().norm();
+  settings.transfer_function = fitTo(*settings.transfer_file, volume.range(), diagonal_m);
+  settings.transfer_file.reset();
+}
+
 RenderSettings overrideRendering(const Scene& scene, const std::string& yaml, const std::string& origin) {
   YamlMap map(parseYaml(yaml, origin), "", origin);
   RenderSettings rendering = scene.rendering;
-  readSettings(map, scene.materials, rendering);
+  readSettings(map, scene.materials, "/", rendering);
   map.finish();
   return rendering;
 }

@@ -44,14 +44,6 @@ std::string expand(const YamlMap& map, const std::string& key, const std::string
   return result + text.substr(from);
 }
 
-std::string resolvePath(const YamlMap& map, const std::string& key, const std::string& text,
-                        const std::string& folder) {
-  if (text.empty())
-    return text;
-  const std::filesystem::path path(expand(map, key, text));
-  return (path.is_absolute() ? path : std::filesystem::path(folder) / path).lexically_normal().string();
-}
-
 VolumeSource readSource(YamlMap map, const std::string& folder) {
   VolumeSource source;
   source.file = resolvePath(map, "file", map.text("file"), folder);
@@ -309,6 +301,14 @@ void checkFootprints(const Scene& scene, const YamlMap& top) {
 
 }  // namespace
 
+std::string resolvePath(const YamlMap& map, const std::string& key, const std::string& text,
+                        const std::string& folder) {
+  if (text.empty())
+    return text;
+  const std::filesystem::path path(expand(map, key, text));
+  return (path.is_absolute() ? path : std::filesystem::path(folder) / path).lexically_normal().string();
+}
+
 Quaternion readOrientation(YamlMap& map, const std::string& key) {
   const std::vector<double> q = map.numbers(key, 4, {-1.001, 1.001});
   const Quaternion orientation(q[3], q[0], q[1], q[2]);
@@ -344,7 +344,7 @@ Scene parseScene(const std::string& yaml, const std::string& origin, const std::
   scene.incision.rest_fraction = incision.number("rest_fraction", {0.3, 1.0}, scene.incision.rest_fraction);
   incision.finish();
   scene.output = readOutput(top.map("output"));
-  scene.rendering = readRendering(top.map("rendering"), scene.materials);
+  scene.rendering = readRendering(top.map("rendering"), scene.materials, folder);
   readToolsAndDevice(top, scene);
   top.finish();
   checkFootprints(scene, top);

@@ -22,11 +22,13 @@ void readChoice(YamlMap& map, const char* key, Choice& choice) {
   choice = *choiceNamed<Choice>(map.choice(key, choiceNames<Choice>(), nameOf(choice)));
 }
 
+/// Replaces ${NAME} by the environment variable and resolves a relative path against `folder`; empty stays empty.
+std::string resolvePath(const YamlMap& map, const std::string& key, const std::string& text, const std::string& folder);
 YAML::Node parseYaml(const std::string& yaml, const std::string& origin);
 /// A unit quaternion [x, y, z, w].
 Quaternion readOrientation(YamlMap& map, const std::string& key);
 
 /// The whole of `rendering`.
-RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials);
+RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials, const std::string& folder);
 
 }  // namespace soft_volume::core

@@ -130,8 +130,9 @@ Session::Session(const Scene& scene, std::shared_ptr<const Volume> volume, std::
       volume_hash_(volume_->hash()),
       lattice_(buildLattice(*volume_, labels_.get(), scene_.materials, scene_.lattice)),
       simulation_(lattice_, scene_.materials, scene_.simulation, threads) {
-  // A bag holds the number that an automatic step came to, so that a replay cannot find another one.
+  // A bag holds the numbers that automatic values came to, so that a replay cannot find others.
   scene_.simulation = simulation_.settings();
+  fitTransferFunction(scene_.rendering, *volume_);
   scene_hash_ = hashText(writeScene(scene_));
   clock_.dt_s = scene_.simulation.dt_s;
 }

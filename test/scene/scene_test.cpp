@@ -303,6 +303,39 @@ TEST(Scene, KeysOfTheRenderingAreOverriddenOneByOne) {
   refused("", "mapping");
 }
 
+constexpr char kFunctionOfMaterials[] = "transfer_function:\n    from_materials: true";
+
+RenderSettings withFunction(const std::string& source) {
+  return parseScene(replaced(smallSceneText(), kFunctionOfMaterials, "transfer_function: " + source), "scene",
+                    SOFT_VOLUME_SOURCE_DIR "/config/scenes")
+      .rendering;
+}
+
+TEST(Scene, ATransferFunctionMayBeAPresetOrAFile) {
+  const RenderSettings preset = withFunction("ct_skin");
+  EXPECT_FALSE(preset.transfer_file);
+  EXPECT_EQ(preset.transfer_function.points.front().value, -1024.0);
+  expectEqual(withFunction("../transfer_functions/ct_skin.yaml").transfer_function, preset.transfer_function);
+  setenv("SOFT_VOLUME_TEST_FUNCTIONS", SOFT_VOLUME_SOURCE_DIR "/config/transfer_functions", 1);
+  expectEqual(withFunction("${SOFT_VOLUME_TEST_FUNCTIONS}/ct_skin.yaml").transfer_function, preset.transfer_function);
+}
+
+TEST(Scene, ATransferFunctionOfPartsOfTheRangeWaitsForTheVolume) {
+  RenderSettings settings = withFunction("viridis");
+  ASSERT_TRUE(settings.transfer_file);
+  fitTransferFunction(settings, *smallVolume());  // 0 to 100
+  EXPECT_FALSE(settings.transfer_file);
+  EXPECT_EQ(settings.transfer_function.points.front().value, 0.0);
+  EXPECT_EQ(settings.transfer_function.points.back().value, 100.0);
+  const double diagonal_m = Vector3::Constant(0.048).norm();
+  EXPECT_NEAR(settings.transfer_function.unit_distance_m, 0.01 * diagonal_m, 1e-12);
+  // Points of the scene's own take the place of the file.
+  Scene scene = smallScene();
+  scene.rendering = withFunction("viridis");
+  EXPECT_FALSE(overrideRendering(scene, kUnusualRendering, "text").transfer_file);
+  EXPECT_TRUE(overrideRendering(scene, "{slices: 3}", "text").transfer_file);
+}
+
 TEST(Scene, CamerasMayBeParallel) {
   const std::string text = replaced(smallSceneText(), "up: [0, 0, 1]",
                                     "up: [0, 0, 1]\n      projection: parallel\n      view_height_m: 0.12");
@@ -410,6 +443,9 @@ TEST(Scene, RejectsOneBadValuePerField) {
       {"from_materials: true", "points: [[1, 0, 0, 0, 0], [0, 0, 0, 0, 0]]", "transfer_function.points"},
       {"from_materials: true", "points: [[1, 0, 0, 0]]", "transfer_function.points"},
       {"from_materials: true", "from_materials: true\n    unit_distance_m: 0", "unit_distance_m"},
+      {kFunctionOfMaterials, "transfer_function: rainbow", "rendering.transfer_function cannot be used: rainbow"},
+      {kFunctionOfMaterials, "transfer_function: none.yaml", "/data/none.yaml"},
+      {kFunctionOfMaterials, "transfer_function: [ct_skin]", "transfer_function must be a mapping"},
       {"slices: 40", "slices: 0", "rendering.slices"},
       {"slices: 40", "slices: 2.5", "rendering.slices"},
       {"slices: 40", "backend: cuda", "rendering.backend"},

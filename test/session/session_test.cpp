@@ -53,6 +53,16 @@ ToolCutCommand slice(const Session& session, std::uint64_t sequence) {
   return command;
 }
 
+TEST(Session, ItsSceneHasTheTransferFunctionThatAFileCameTo) {
+  Scene scene = smallScene();
+  scene.rendering.transfer_file = readTransferFunction("viridis");  // of parts of the range, which is 0 to 100
+  const Session session(scene, smallVolume(), nullptr, kId, 1);
+  EXPECT_FALSE(session.scene().rendering.transfer_file);
+  EXPECT_EQ(session.scene().rendering.transfer_function.points.back().value, 100.0);
+  const Scene resolved = parseScene(writeScene(session.scene()), "resolved", "/");
+  EXPECT_EQ(resolved.rendering.transfer_function.points.size(), scene.rendering.transfer_file->function.points.size());
+}
+
 TEST(Session, APushDentsAndRecovers) {
   const auto session = makeSession();
   for (std::uint64_t n = 0; n < 400; ++n) {

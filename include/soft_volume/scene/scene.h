@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,7 @@
 #include "soft_volume/tool/tool.h"
 #include "soft_volume/tool/virtual_device.h"
 #include "soft_volume/volume/transfer_function.h"
+#include "soft_volume/volume/transfer_function_file.h"
 #include "soft_volume/volume/volume.h"
 
 namespace soft_volume::core {
@@ -43,6 +45,8 @@ struct CameraSettings {
 /// How frames are made; what a frame shows besides (depth, labels) and the threads are its receivers' business.
 struct RenderSettings {
   TransferFunction transfer_function;
+  /// What is to become transfer_function once the volume is known: see fitTransferFunction().
+  std::optional<TransferFunctionFile> transfer_file;
   Backend backend = Backend::kNative;
   RenderOptions options;                   ///< without lookup, depth, labels and threads
   bool incremental = true;                 ///< draw only what positions changed; the frames are the same without
@@ -93,6 +97,10 @@ RenderSettings overrideRendering(const Scene& scene, const std::string& yaml, co
 
 /// The resolved settings as such a mapping: every key but the cameras.
 std::string writeRendering(const RenderSettings& settings);
+
+/// Makes the transfer function of a file that leaves open what depends on the volume (its range, its size). Nothing to
+/// do where there is none. Throws InputError when the volume has no finite value.
+void fitTransferFunction(RenderSettings& settings, const Volume& volume);
 
 /// The volumes that a scene names, with region and stride applied.
 struct SceneVolumes {
