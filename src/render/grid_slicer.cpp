@@ -129,9 +129,11 @@ class GridSlicer::Impl {
     MissedCell cell;
   };
 
+  void findCollapsed();
   void rankVertices(const Camera& camera, const PixelRect& rect, int threads);
   void rangeCells(const std::vector<std::uint8_t>& skip, int threads);
   PlaneRange rangeOf(std::size_t cell) const;
+  bool isOutside(std::size_t cell) const;
   void fillBuckets(int threads);
   void markEdges();
   void findMissed(const Camera& camera, const std::vector<std::uint8_t>& skip, int threads);
@@ -146,6 +148,7 @@ class GridSlicer::Impl {
   std::vector<std::uint8_t> beyond_;      ///< per vertex, see Sides
   std::vector<PlaneRange> cell_ranges_;   ///< per cell, empty where it is left out or between planes
   std::vector<std::uint8_t> is_outside_;  ///< per cell, nonzero where its image lies outside the rectangle
+  bool is_any_beyond_ = false;
   bool is_any_left_out_ = false;
   std::vector<std::uint8_t> is_edge_used_;  ///< per edge, when any cell is left out
   std::vector<std::uint32_t> extra_keys_;   ///< per extra plane, as Missed::plane
@@ -162,8 +165,21 @@ void GridSlicer::Impl::setCells(const std::vector<CellType>& types, const std::v
   grid.connectivity = connectivity;
   grid.edges = edgesOf(types, offsets, connectivity, vertices);
   vertex_count = vertices;
+  findCollapsed();
   extra_z_m.clear();
   cutters_.clear();
+}
+
+/// A cell that names a vertex twice. Polyhedra always do, once per face.
+void GridSlicer::Impl::findCollapsed() {
+  grid.is_collapsed.assign(grid.types.size(), 0);
+  std::vector<std::uint32_t> numbers;
+  for (std::size_t cell = 0; cell < grid.types.size(); ++cell) {
+    numbers.clear();
+    forEachVertex(grid, cell, [&](std::uint32_t v) { numbers.push_back(v); });
+    std::sort(numbers.begin(), numbers.end());
+    grid.is_collapsed[cell] = std::uint8_t(std::adjacent_find(numbers.begin(), numbers.end()) != numbers.end());
+  }
 }
 
 void GridSlicer::Impl::transform(const Camera& camera, const std::vector<Vector3f>& positions, int threads) {
@@ -203,12 +219,15 @@ void GridSlicer::Impl::rankVertices(const Camera& camera, const PixelRect& rect,
   const Sides sides(camera, rect);
   grid.ranks.resize(vertex_count);
   beyond_.resize(vertex_count);
-  forEachChunk(vertex_count, threads, [&](std::size_t, std::size_t begin, std::size_t end) {
+  std::vector<std::uint8_t> beyond_any((vertex_count + kChunk - 1) / kChunk, 0);
+  forEachChunk(vertex_count, threads, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
     for (std::size_t v = begin; v < end; ++v) {
       grid.ranks[v] = rank.of(grid.positions[v].z());
       beyond_[v] = sides.beyond(grid.positions[v]);
+      beyond_any[chunk] |= beyond_[v];
     }
   });
+  is_any_beyond_ = std::any_of(beyond_any.begin(), beyond_any.end(), [](std::uint8_t beyond) { return beyond != 0; });
 }
 
 PlaneRange GridSlicer::Impl::rangeOf(std::size_t cell) const {
@@ -221,17 +240,22 @@ PlaneRange GridSlicer::Impl::rangeOf(std::size_t cell) const {
   return {low, high};
 }
 
+bool GridSlicer::Impl::isOutside(std::size_t cell) const {
+  unsigned beyond_all = 15;
+  forEachVertex(grid, cell, [&](std::uint32_t v) { beyond_all &= beyond_[v]; });
+  return beyond_all != 0;
+}
+
 void GridSlicer::Impl::rangeCells(const std::vector<std::uint8_t>& skip, int threads) {
   const std::size_t count = grid.types.size();
   cell_ranges_.resize(count);
-  is_outside_.resize(count);
+  is_outside_.assign(count, 0);
   std::vector<std::uint8_t> is_left_out((count + kChunk - 1) / kChunk, 0);
   forEachChunk(count, threads, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
     for (std::size_t cell = begin; cell < end; ++cell) {
-      unsigned beyond_all = 15;
-      forEachVertex(grid, cell, [&](std::uint32_t v) { beyond_all &= beyond_[v]; });
-      is_outside_[cell] = std::uint8_t(beyond_all != 0);
-      const bool is_drawn = beyond_all == 0 && (skip.empty() || skip[cell] == 0);
+      if (is_any_beyond_)
+        is_outside_[cell] = std::uint8_t(isOutside(cell));
+      const bool is_drawn = is_outside_[cell] == 0 && (skip.empty() || skip[cell] == 0);
       cell_ranges_[cell] = is_drawn ? rangeOf(cell) : kNowhere;
       if (!is_drawn)
         is_left_out[chunk] = 1;

@@ -7,7 +7,7 @@ namespace soft_volume::core {
 /// Calls visit(checkpoint, item) for every item that is cut by the checkpoint's plane and by one before it.
 template <typename Visit>
 void PlaneBuckets::forEachCheckpoint(const Visit& visit) const {
-  for (std::size_t plane = 0; plane + 1 < begin_.size(); ++plane) {
+  for (std::size_t plane = 0; plane + 2 < begin_.size(); ++plane) {
     const std::size_t following = plane / kPlanesPerCheckpoint + 1;
     for (std::size_t i = begin_[plane]; i < begin_[plane + 1]; ++i) {
       for (std::size_t c = following; c * kPlanesPerCheckpoint < items_[i].end; ++c)

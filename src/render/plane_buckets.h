@@ -43,7 +43,7 @@ class PlaneBuckets {
   void forEachCheckpoint(const Visit& visit) const;
   void makeCheckpoints(int planes);
 
-  std::vector<std::size_t> begin_;  ///< per plane, and the end
+  std::vector<std::size_t> begin_;  ///< per plane, of what no plane cuts, and the end
   std::vector<Item> items_;
   std::vector<std::size_t> checkpoint_begin_;  ///< per checkpoint, and the end
   std::vector<Item> checkpoint_items_;
@@ -53,15 +53,17 @@ template <typename RangeOf>
 void PlaneBuckets::build(std::size_t count, int planes, int threads, const RangeOf& rangeOf) {
   // Each block of numbers counts on its own, so that blocks can be filled in beside each other.
   const auto blocks = std::size_t(std::max(1, threads));
-  const auto buckets = std::size_t(planes);
+  // What has no range goes into a bucket of its own at the end: half of all edges are of that kind, in no order that a
+  // processor could foresee, so a branch would cost more.
+  const auto none = std::size_t(planes);
+  const std::size_t buckets = none + 1;
+  const auto bucketOf = [none](PlaneRange range) { return range.first < range.end ? std::size_t(range.first) : none; };
   const auto blockBegin = [&](std::size_t block) { return count * block / blocks; };
   std::vector<std::size_t> next(blocks * buckets, 0);
   parallelFor(std::ptrdiff_t(blocks), threads, [&](std::ptrdiff_t b) {
     const auto block = std::size_t(b);
     for (std::size_t i = blockBegin(block); i < blockBegin(block + 1); ++i) {
-      const PlaneRange range = rangeOf(i);
-      if (range.first < range.end)
-        ++next[block * buckets + range.first];
+      ++next[block * buckets + bucketOf(rangeOf(i))];
     }
   });
   begin_.assign(buckets + 1, 0);
@@ -75,13 +77,12 @@ void PlaneBuckets::build(std::size_t count, int planes, int threads, const Range
     }
   }
   begin_[buckets] = sum;
-  items_.resize(sum);
+  items_.resize(count);
   parallelFor(std::ptrdiff_t(blocks), threads, [&](std::ptrdiff_t b) {
     const auto block = std::size_t(b);
     for (std::size_t i = blockBegin(block); i < blockBegin(block + 1); ++i) {
       const PlaneRange range = rangeOf(i);
-      if (range.first < range.end)
-        items_[next[block * buckets + range.first]++] = {std::uint32_t(i), range.end};
+      items_[next[block * buckets + bucketOf(range)]++] = {std::uint32_t(i), range.end};
     }
   });
   makeCheckpoints(planes);

@@ -124,33 +124,37 @@ void PlaneCutter::cutShape(std::uint32_t cell, const IsPositive& isPositive, con
     signs |= unsigned(isPositive(numbers[i])) << i;
   const SliceLoops& loops = sliceTable(grid_->types[cell])[signs];
   const std::uint8_t* local = loops.edges.data();
+  const auto add = grid_->is_collapsed[cell] != 0 ? &PlaneCutter::addCollapsedPolygon : &PlaneCutter::addPolygon;
   for (std::size_t loop = 0; loop < loops.loop_count; ++loop) {
-    const auto first = std::uint32_t(mesh_->corners.size());
-    for (const std::uint8_t* end = local + loops.loop_sizes[loop]; local != end; ++local) {
-      mesh_->corners.push_back(vertexOf(edges[*local]));
-      mesh_->edges.push_back(*local);
-    }
-    closePolygon(cell, first);
+    const std::size_t size = loops.loop_sizes[loop];
+    std::array<std::uint32_t, 12> corners;
+    for (std::size_t i = 0; i < size; ++i)
+      corners[i] = vertexOf(edges[local[i]]);
+    (this->*add)(cell, corners.data(), local, size);
+    local += size;
   }
 }
 
-/// In a collapsed cell several edges are the same edge of the grid: their common corner is kept once.
-void PlaneCutter::closePolygon(std::uint32_t cell, std::uint32_t first) {
-  std::vector<std::uint32_t>& corners = mesh_->corners;
-  std::size_t end = first;
-  for (std::size_t i = first; i < corners.size(); ++i) {
-    const std::uint32_t before = i == first ? corners.back() : corners[i - 1];
-    if (corners[i] == before)
+void PlaneCutter::addPolygon(std::uint32_t cell, const std::uint32_t* corners, const std::uint8_t* edges,
+                             std::size_t size) {
+  mesh_->polygons.push_back({cell, std::uint32_t(mesh_->corners.size()), std::uint32_t(size)});
+  mesh_->corners.insert(mesh_->corners.end(), corners, corners + size);
+  mesh_->edges.insert(mesh_->edges.end(), edges, edges + size);
+}
+
+/// Several edges of the cell are the same edge of the grid: their common corner is kept once.
+void PlaneCutter::addCollapsedPolygon(std::uint32_t cell, const std::uint32_t* corners, const std::uint8_t* edges,
+                                      std::size_t size) {
+  kept_corners_.clear();
+  kept_edges_.clear();
+  for (std::size_t i = 0; i < size; ++i) {
+    if (corners[i] == corners[i + 1 < size ? i + 1 : 0])
       continue;
-    mesh_->edges[end] = mesh_->edges[i];
-    corners[end++] = corners[i];
+    kept_corners_.push_back(corners[i]);
+    kept_edges_.push_back(edges[i]);
   }
-  if (end - first < 3)
-    end = first;
-  else
-    mesh_->polygons.push_back({cell, first, std::uint32_t(end - first)});
-  corners.resize(end);
-  mesh_->edges.resize(end);
+  if (kept_corners_.size() >= 3)
+    addPolygon(cell, kept_corners_.data(), kept_edges_.data(), kept_corners_.size());
 }
 
 template <typename IsPositive, typename VertexOf>
@@ -169,11 +173,9 @@ void PlaneCutter::cutPolyhedron(std::uint32_t cell, const IsPositive& isPositive
               });
   polyhedron_.finish();
   for (std::size_t loop = 0; loop < polyhedron_.loopCount(); ++loop) {
-    const auto first = std::uint32_t(mesh_->corners.size());
-    const std::uint32_t* corners = polyhedron_.loop(loop);
-    mesh_->corners.insert(mesh_->corners.end(), corners, corners + polyhedron_.loopSize(loop));
-    mesh_->edges.resize(mesh_->corners.size(), 255);
-    closePolygon(cell, first);
+    const std::size_t size = polyhedron_.loopSize(loop);
+    no_edges_.resize(std::max(no_edges_.size(), size), 255);
+    addCollapsedPolygon(cell, polyhedron_.loop(loop), no_edges_.data(), size);
   }
 }
 

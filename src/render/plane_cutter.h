@@ -34,7 +34,8 @@ struct BucketedGrid {
   std::vector<std::uint32_t> offsets;
   std::vector<std::uint32_t> connectivity;
   GridEdges edges;
-  std::vector<Vector3f> positions;  ///< camera frame
+  std::vector<std::uint8_t> is_collapsed;  ///< per cell, 1 where two of its edges may be the same edge of the grid
+  std::vector<Vector3f> positions;         ///< camera frame
   /// Per vertex how many planes (extra ones left out) have z <= its own: it is on the positive side of those.
   std::vector<std::uint16_t> ranks;
   PlaneBuckets edge_buckets;
@@ -82,7 +83,9 @@ class PlaneCutter {
   void cutShape(std::uint32_t cell, const IsPositive& isPositive, const VertexOf& vertexOf);
   template <typename IsPositive, typename VertexOf>
   void cutPolyhedron(std::uint32_t cell, const IsPositive& isPositive, const VertexOf& vertexOf);
-  void closePolygon(std::uint32_t cell, std::uint32_t first);
+  void addPolygon(std::uint32_t cell, const std::uint32_t* corners, const std::uint8_t* edges, std::size_t size);
+  void addCollapsedPolygon(std::uint32_t cell, const std::uint32_t* corners, const std::uint8_t* edges,
+                           std::size_t size);
 
   const BucketedGrid* grid_ = nullptr;
   SliceMesh* mesh_ = nullptr;
@@ -93,6 +96,9 @@ class PlaneCutter {
   std::vector<PlaneBuckets::Item> seeds_;
   std::vector<std::uint32_t> vertex_of_edge_;  ///< index into the mesh's vertices, of the latest plane that cut it
   PolyhedronLoops polyhedron_;
+  std::vector<std::uint8_t> no_edges_;       ///< numbers for the corners of polyhedra
+  std::vector<std::uint32_t> kept_corners_;  ///< of a collapsed cell's polygon
+  std::vector<std::uint8_t> kept_edges_;
 };
 
 }  // namespace soft_volume::core
