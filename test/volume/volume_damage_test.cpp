@@ -382,7 +382,7 @@ TEST_F(FakeReader, UnknownAnswer) {
   answer(reply, "12345678");
   expectRefused(path_, "not understood");
   reply = goodReply();
-  reply.version = 2;
+  reply.version = kReaderProtocolVersion + 1;
   answer(reply, "12345678");
   expectRefused(path_, "not understood");
 }

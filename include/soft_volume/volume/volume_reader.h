@@ -15,7 +15,7 @@ struct ReadLimits {
 };
 
 /// Reads NIfTI (.nii, .nii.gz), NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), VTI (.vti) or a folder with one DICOM
-/// series, in a child process (`soft_volume_read_volume`), because parsers crash on some damaged files. Millimetres
+/// series, in a child process (`soft_volume_read_file`), because parsers crash on some damaged files. Millimetres
 /// become metres and the file's orientation is kept. The scalars keep their type.
 ///
 /// The grid of the result is right-handed: where the file's axes form a left hand, the slices come in reverse order, so

@@ -27,6 +27,7 @@ HeaderText readNrrdHeader(const std::string& path);
 /// All numbers in a text; brackets and commas count as blanks.
 std::vector<double> numbersIn(const std::string& text);
 std::string lowerCase(std::string text);
+bool endsWith(const std::string& text, const std::string& end);
 /// `name` beside `path`, unless it is absolute.
 std::string beside(const std::string& path, const std::string& name);
 /// Throws ReadError when the file is missing or shorter than needed.

@@ -1,6 +1,6 @@
-// soft_volume_read_volume MEMORY_BYTES PATH: parses one volume file and writes it to standard output in the form of
-// reader_protocol.h. It is a process of its own because the parsers crash on some damaged files; started by
-// readVolume().
+// soft_volume_read_file KIND MEMORY_BYTES PATH ...: parses one file of a volume or a grid and writes it to standard
+// output in the form of reader_protocol.h. It is a process of its own because the parsers crash on some damaged files;
+// started by readVolume() and readGrid().
 
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -14,6 +14,8 @@
 #include <filesystem>
 #include <fstream>
 #include <new>
+#include <string>
+#include <vector>
 
 #include "formats.h"
 #include "header_text.h"
@@ -57,10 +59,6 @@ void writeAll(int file, const void* data, std::size_t size) {
       size -= static_cast<std::size_t>(done);
     }
   }
-}
-
-bool endsWith(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
 
 Image readAny(const std::string& path, std::uint64_t limit) {
@@ -125,32 +123,98 @@ void writeMirroredImage(int file, const Image& image) {
   std::_Exit(1);
 }
 
-void run(int file, const std::string& path, std::uint64_t memory_bytes) try {
-  limitResources(memory_bytes);
+void sendVolume(int file, const std::string& path, std::uint64_t memory_bytes) {
   const Image image = readAny(path, memory_bytes);
   if (image.geometry.direction.determinant() > 0.0) {
     writeImage(file, image);
   } else {
     writeMirroredImage(file, image);
   }
-} catch (const std::bad_alloc&) {
-  fail(file, "needs more memory than the limit of " + std::to_string(memory_bytes >> 20) + " MiB");
-} catch (const std::exception& error) {
-  fail(file, error.what());
+}
+
+template <typename T>
+void writeArray(int file, const std::vector<T>& values) {
+  writeAll(file, values.data(), values.size() * sizeof(T));
+}
+
+GridReply replyFor(const GridFile& grid_file) {
+  GridReply reply = {};
+  std::memcpy(reply.magic, kGridMagic, sizeof reply.magic);
+  reply.version = kReaderProtocolVersion;
+  reply.place = static_cast<std::uint32_t>(grid_file.arrays.at(grid_file.taken).place);
+  reply.taken = static_cast<std::uint32_t>(grid_file.taken);
+  reply.arrays = static_cast<std::uint32_t>(grid_file.arrays.size());
+  reply.notes = static_cast<std::uint32_t>(grid_file.notes.size());
+  reply.points = grid_file.grid.points.size();
+  reply.cells = grid_file.grid.cell_types.size();
+  reply.connectivity = grid_file.grid.connectivity.size();
+  return reply;
+}
+
+void writeArrayReply(int file, const GridArray& array) {
+  ArrayReply reply = {};
+  std::copy(array.range.begin(), array.range.end(), reply.range);
+  reply.place = static_cast<std::uint32_t>(array.place);
+  reply.components = static_cast<std::uint32_t>(array.components);
+  reply.name_bytes = static_cast<std::uint32_t>(array.name.size());
+  writeAll(file, &reply, sizeof reply);
+  writeAll(file, array.name.data(), array.name.size());
+}
+
+void sendGrid(int file, const std::string& path, const GridReadOptions& options) {
+  const GridFile grid_file = readGridFile(path, options);
+  const GridReply reply = replyFor(grid_file);
+  const IrregularGrid& grid = grid_file.grid;
+  writeAll(file, &reply, sizeof reply);
+  writeArray(file, grid.points);
+  writeArray(file, grid.cell_types);
+  writeArray(file, grid.cell_offsets);
+  writeArray(file, grid.connectivity);
+  writeArray(file, grid.point_scalars);  // one of the two is empty
+  writeArray(file, grid.cell_scalars);
+  for (const GridArray& array : grid_file.arrays)
+    writeArrayReply(file, array);
+  for (const std::string& note : grid_file.notes) {
+    const auto bytes = static_cast<std::uint32_t>(note.size());
+    writeAll(file, &bytes, sizeof bytes);
+    writeAll(file, note.data(), note.size());
+  }
+}
+
+void run(int file, const std::vector<std::string>& arguments) {
+  const std::uint64_t memory_bytes = std::strtoull(arguments[1].c_str(), nullptr, 10);
+  try {
+    limitResources(memory_bytes);
+    if (arguments[0] == kReadVolume) {
+      sendVolume(file, arguments[2], memory_bytes);
+    } else {
+      sendGrid(file, arguments[2], {arguments[4], std::atoi(arguments[5].c_str()), arguments[3]});
+    }
+  } catch (const std::bad_alloc&) {
+    fail(file, "needs more memory than the limit of " + std::to_string(memory_bytes >> 20) + " MiB");
+  } catch (const std::exception& error) {
+    fail(file, error.what());
+  }
+}
+
+bool isUsable(const std::vector<std::string>& arguments) {
+  return (arguments.size() == 3 && arguments[0] == kReadVolume) || (arguments.size() == 6 && arguments[0] == kReadGrid);
 }
 
 }  // namespace
 }  // namespace soft_volume::core::reader
 
 int main(int argc, char** argv) {
-  if (argc != 3) {
-    std::fprintf(
-        stderr,
-        "usage: soft_volume_read_volume MEMORY_BYTES PATH\n"
-        "Parses a volume file for soft_volume's readVolume(), which starts it; not meant to be run by hand.\n");
+  using namespace soft_volume::core::reader;
+  const std::vector<std::string> arguments(argv + 1, argv + argc);
+  if (!isUsable(arguments)) {
+    std::fprintf(stderr,
+                 "usage: soft_volume_read_file volume MEMORY_BYTES PATH\n"
+                 "       soft_volume_read_file grid MEMORY_BYTES PATH SOLUTION_PATH ARRAY COMPONENT\n"
+                 "Parses a file for soft_volume's readVolume() and readGrid(), which start it; not meant to be run by "
+                 "hand.\n");
     return 2;
   }
-  const int file = soft_volume::core::reader::takeStandardOutput();
-  soft_volume::core::reader::run(file, argv[2], std::strtoull(argv[1], nullptr, 10));
+  run(takeStandardOutput(), arguments);
   std::_Exit(0);  // all is written; freeing gigabytes would only take time
 }

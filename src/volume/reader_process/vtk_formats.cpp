@@ -9,8 +9,6 @@
 #include <vtkNIFTIImageReader.h>
 #include <vtkNew.h>
 #include <vtkNrrdReader.h>
-#include <vtkObjectFactory.h>
-#include <vtkOutputWindow.h>
 #include <vtkPointData.h>
 #include <vtkSmartPointer.h>
 #include <vtkStreamingDemandDrivenPipeline.h>
@@ -24,42 +22,10 @@
 
 #include "formats.h"
 #include "header_text.h"
+#include "reports.h"
 
 namespace soft_volume::core::reader {
 namespace {
-
-/// Receives every error and warning of every VTK object. A VTK reader that reports one goes on and returns whatever it
-/// has, often zeros, so the first report rejects the file.
-class Reports : public vtkOutputWindow {
- public:
-  static Reports* New();
-  vtkTypeMacro(Reports, vtkOutputWindow);
-  void DisplayText(const char* text) override {
-    if (first_.empty()) {
-      first_ = text;
-    }
-  }
-  void throwIfAny() const {
-    if (!first_.empty()) {
-      throw ReadError("the file is damaged or not supported: " + message());
-    }
-  }
-
- private:
-  /// VTK writes "ERROR: In file, line N\nClass (address): message"; only the message means something to a user.
-  std::string message() const {
-    const std::size_t at = first_.find("): ");
-    return at == std::string::npos ? first_ : first_.substr(at + 3);
-  }
-  std::string first_;
-};
-vtkStandardNewMacro(Reports);
-
-vtkSmartPointer<Reports> startReports() {
-  auto reports = vtkSmartPointer<Reports>::New();
-  vtkOutputWindow::SetInstance(reports);
-  return reports;
-}
 
 ScalarType scalarTypeOf(int vtk_type) {
   switch (vtk_type) {
