@@ -2,8 +2,10 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <iterator>
 #include <set>
+#include <sstream>
 
 #include "scene_reading.h"
 #include "soft_volume/common/error.h"
@@ -77,12 +79,23 @@ void readTransfer(YamlMap& map, const std::vector<Material>& materials, const st
     r.transfer_file = file;
 }
 
-Camera readLookAt(YamlMap& map, Projection projection, int width, int height) {
-  const Vector3 eye = map.vector("eye_m", kMetres);
-  const Vector3 target = map.vector("target_m", kMetres);
+/// What a camera's lengths may be. Scenes are of people's size; a file of a grid has any unit of length.
+struct CameraRanges {
+  Range place;
+  Range view_height;
+  Range near;
+  Range far;
+};
+constexpr CameraRanges kSceneRanges{kMetres, {1e-4, 100.0, "m"}, {1e-4, 10.0, "m"}, {1e-3, 100.0, "m"}};
+constexpr Range kAnyLength{1e-12, 1e12};
+constexpr CameraRanges kAnyRanges{{-1e12, 1e12}, kAnyLength, kAnyLength, kAnyLength};
+
+Camera readLookAt(YamlMap& map, const CameraRanges& ranges, Projection projection, int width, int height) {
+  const Vector3 eye = map.vector("eye_m", ranges.place);
+  const Vector3 target = map.vector("target_m", ranges.place);
   const Vector3 up = map.vector("up", kFinite);
   if (projection == Projection::kParallel) {
-    const double height_m = map.number("view_height_m", {1e-4, 100.0, "m"});
+    const double height_m = map.number("view_height_m", ranges.view_height);
     return Camera::lookAtParallel(eye, target, up, height_m, width, height);
   }
   const double fov_rad = map.number("vertical_fov_rad", {0.01, 3.0, "rad"}, 0.6);
@@ -90,24 +103,35 @@ Camera readLookAt(YamlMap& map, Projection projection, int width, int height) {
 }
 
 /// A camera by where it is and what it looks at, or, as writeScene() does, by its intrinsics and pose.
-Camera readView(YamlMap& map, int width, int height) {
+Camera readView(YamlMap& map, const CameraRanges& ranges) {
+  constexpr Range kPixels{1.0, 8192.0, "pixels"};
+  const int width = static_cast<int>(map.integer("width", kPixels, 640));
+  const int height = static_cast<int>(map.integer("height", kPixels, 480));
   Camera camera;
   readChoice(map, "projection", camera.projection);
   if (map.has("eye_m"))
-    return readLookAt(map, camera.projection, width, height);
+    return readLookAt(map, ranges, camera.projection, width, height);
   camera.width = width;
   camera.height = height;
   camera.fx = map.number("fx", {1e-3, 1e6, "pixels"});
   camera.fy = map.number("fy", {1e-3, 1e6, "pixels"});
   camera.cx = map.number("cx", {-1e6, 1e6, "pixels"});
   camera.cy = map.number("cy", {-1e6, 1e6, "pixels"});
-  camera.T_volume_camera.position_m = map.vector("position_m", kMetres);
+  camera.T_volume_camera.position_m = map.vector("position_m", ranges.place);
   camera.T_volume_camera.orientation = readOrientation(map, "orientation_xyzw");
   return camera;
 }
 
-CameraSettings readCamera(YamlMap& map) {
-  constexpr Range kPixels{1.0, 8192.0, "pixels"};
+/// `fallback` has what is used where near_m and far_m are not there.
+Camera readCamera(YamlMap& map, const CameraRanges& ranges, const Camera& fallback) {
+  Camera camera = readView(map, ranges);
+  camera.near_m = map.number("near_m", ranges.near, fallback.near_m);
+  camera.far_m = map.number("far_m", ranges.far, fallback.far_m);
+  camera.validate();
+  return camera;
+}
+
+CameraSettings readNamedCamera(YamlMap& map) {
   CameraSettings settings;
   settings.name = map.text("name");
   const auto allowed = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; };
@@ -115,13 +139,8 @@ CameraSettings readCamera(YamlMap& map) {
       !std::all_of(settings.name.begin(), settings.name.end(), allowed)) {
     map.fail("name", "must be a topic name: letters, digits and _, not starting with a digit");
   }
-  const int width = static_cast<int>(map.integer("width", kPixels, 640));
-  const int height = static_cast<int>(map.integer("height", kPixels, 480));
   try {
-    settings.camera = readView(map, width, height);
-    settings.camera.near_m = map.number("near_m", {1e-4, 10.0, "m"}, settings.camera.near_m);
-    settings.camera.far_m = map.number("far_m", {1e-3, 100.0, "m"}, settings.camera.far_m);
-    settings.camera.validate();
+    settings.camera = readCamera(map, kSceneRanges, {});
   } catch (const SceneError& error) {
     const std::string message = error.what();
     if (message.find(": rendering.cameras") != std::string::npos)
@@ -136,7 +155,7 @@ std::vector<CameraSettings> readCameras(YamlMap& map) {
   std::vector<CameraSettings> cameras;
   std::set<std::string> names;
   for (YamlMap& camera : map.maps("cameras")) {
-    cameras.push_back(readCamera(camera));
+    cameras.push_back(readNamedCamera(camera));
     if (!names.insert(cameras.back().name).second)
       camera.fail("name", "is used by another camera already");
   }
@@ -212,6 +231,26 @@ void fitTransferFunction(RenderSettings& settings, const Volume& volume) {
   const double diagonal_m = volume.geometry().bounds().diagonal().norm();
   settings.transfer_function = fitTo(*settings.transfer_file, volume.range(), diagonal_m);
   settings.transfer_file.reset();
+}
+
+Camera loadCamera(const std::string& path, double near_m, double far_m) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  if (!file || !(text << file.rdbuf()))
+    throw SceneError(path + ": the camera's file cannot be read");
+  YamlMap map(parseYaml(text.str(), path), "", path);
+  map.text("name", "");
+  Camera fallback;
+  fallback.near_m = near_m;
+  fallback.far_m = far_m;
+  try {
+    const Camera camera = readCamera(map, kAnyRanges, fallback);
+    map.finish();
+    return camera;
+  } catch (const SceneError& error) {
+    const std::string message = error.what();
+    throw SceneError(message.compare(0, path.size(), path) == 0 ? message : path + ": " + message);
+  }
 }
 
 RenderSettings overrideRendering(const Scene& scene, const std::string& yaml, const std::string& origin) {

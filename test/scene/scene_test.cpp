@@ -303,6 +303,38 @@ TEST(Scene, KeysOfTheRenderingAreOverriddenOneByOne) {
   refused("", "mapping");
 }
 
+/// A camera in a file of its own, for grids in any unit of length.
+TEST(Scene, LoadsACameraOfItsOwn) {
+  const std::string path = testing::TempDir() + "soft_volume_camera.yaml";
+  const auto load = [&path](const std::string& text) {
+    std::ofstream(path) << text;
+    return loadCamera(path, 2.0, 30000.0);
+  };
+  const std::string view = "width: 80\nheight: 60\neye_m: [0, 0, 9000]\ntarget_m: [0, 0, 0]\nup: [0, 1, 0]\n";
+  const Camera camera = load(view + "projection: parallel\nview_height_m: 600\n");
+  EXPECT_EQ(camera.projection, Projection::kParallel);
+  EXPECT_DOUBLE_EQ(camera.fx, 0.1);
+  EXPECT_EQ(camera.near_m, 2.0);
+  EXPECT_EQ(camera.far_m, 30000.0);
+  EXPECT_EQ(load(view + "near_m: 7\n").near_m, 7.0);
+  const auto refused = [&](const std::string& text, const std::string& part) {
+    try {
+      load(text);
+      ADD_FAILURE() << text;
+    } catch (const SceneError& error) {
+      EXPECT_EQ(std::string(error.what()).compare(0, path.size(), path), 0) << error.what();
+      EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
+    }
+  };
+  refused(view + "fov: 1\n", "unknown key fov");
+  refused(replaced(view, "9000", ".inf"), "eye_m");
+  refused(replaced(view, "9000", "0"), "same point");
+  refused(replaced(view, "[0, 1, 0]", "[0, 0, 1]"), "along the view direction");
+  refused("fx: 100\nfy: 100\ncx: 0\ncy: 0\nposition_m: [0, 0, 0]\norientation_xyzw: [0, 0, 0, 0]\n", "quaternion");
+  refused("width: 0\n" + view.substr(view.find('h')), "width");
+  EXPECT_THROW(loadCamera(path + ".missing", 1.0, 2.0), SceneError);
+}
+
 constexpr char kFunctionOfMaterials[] = "transfer_function:\n    from_materials: true";
 
 RenderSettings withFunction(const std::string& source) {

@@ -102,6 +102,10 @@ std::string writeRendering(const RenderSettings& settings);
 /// do where there is none. Throws InputError when the volume has no finite value.
 void fitTransferFunction(RenderSettings& settings, const Volume& volume);
 
+/// Reads a camera from a file of its own: the keys of one of a scene's cameras, `name` optional, with lengths of any
+/// size; near and far are used where the file states none. Throws SceneError as loadScene().
+Camera loadCamera(const std::string& path, double near_m, double far_m);
+
 /// The volumes that a scene names, with region and stride applied.
 struct SceneVolumes {
   std::shared_ptr<const Volume> volume;
