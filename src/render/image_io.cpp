@@ -41,6 +41,18 @@ void writePng(const std::string& path, const Image& image) {
   }
 }
 
+void writePng16(const std::string& path, int width, int height, const std::vector<std::uint16_t>& pixels) {
+  if (width < 1 || height < 1 || pixels.size() != std::size_t(width) * std::size_t(height))
+    throw InputError("the image is empty or its size does not match its pixels");
+  PngImage png;
+  png.width = png_uint_32(width);
+  png.height = png_uint_32(height);
+  png.format = PNG_FORMAT_LINEAR_Y;
+  if (png_image_write_to_file(&png, path.c_str(), 0, pixels.data(), 0, nullptr) == 0) {
+    throw FileError(path + ": cannot write the PNG: " + png.message);
+  }
+}
+
 Image readPng(const std::string& path) {
   PngImage png;
   if (png_image_begin_read_from_file(&png, path.c_str()) == 0) {

@@ -1,11 +1,14 @@
 #include "soft_volume/render/image_io.h"
 
 #include <gtest/gtest.h>
+#include <png.h>
 #include <turbojpeg.h>
 
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <iterator>
+#include <vector>
 
 #include "soft_volume/common/error.h"
 
@@ -37,6 +40,28 @@ TEST(Png, KeepsEveryPixel) {
   EXPECT_EQ(back.width, 37);
   EXPECT_EQ(back.height, 23);
   EXPECT_EQ(back.rgb, image.rgb);
+  std::remove(path.c_str());
+}
+
+/// The numbers are labels or depths, so no display curve may touch them.
+TEST(Png, Keeps16BitsOfGrey) {
+  const std::string path = temporaryPath("grey16.png");
+  const std::vector<std::uint16_t> pixels = {0, 1, 255, 256, 30000, 65535};
+  writePng16(path, 3, 2, pixels);
+  std::ifstream file(path, std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  EXPECT_EQ(bytes[24], 16);  // IHDR: bits of a channel
+  EXPECT_EQ(bytes[25], 0);   // IHDR: grey without alpha
+  png_image png{};
+  png.version = PNG_IMAGE_VERSION;
+  ASSERT_NE(png_image_begin_read_from_file(&png, path.c_str()), 0);
+  png.format = PNG_FORMAT_LINEAR_Y;
+  std::vector<std::uint16_t> back(6);
+  ASSERT_NE(png_image_finish_read(&png, nullptr, back.data(), 0, nullptr), 0);
+  EXPECT_EQ(back, pixels);
+  EXPECT_THROW(writePng16(path, 2, 2, pixels), InputError);
+  EXPECT_THROW(writePng16(path, 0, 0, {}), InputError);
+  EXPECT_THROW(writePng16("/no/such/folder/a.png", 3, 2, pixels), FileError);
   std::remove(path.c_str());
 }
 

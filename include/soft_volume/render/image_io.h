@@ -15,6 +15,9 @@ struct Image {
 
 /// Writes an 8-bit RGB PNG. Throws FileError.
 void writePng(const std::string& path, const Image& image);
+/// Writes a 16-bit grey PNG whose pixels are the numbers as they are; width * height of them. Throws FileError, and
+/// InputError when their count does not match.
+void writePng16(const std::string& path, int width, int height, const std::vector<std::uint16_t>& pixels);
 /// Reads any PNG as 8-bit RGB; alpha is dropped. Throws FileError.
 Image readPng(const std::string& path);
 
