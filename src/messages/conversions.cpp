@@ -284,6 +284,42 @@ GridTopology topologyMessage(const core::Session& session) {
   return message;
 }
 
+namespace {
+
+template <typename T>
+void appendRange(const std::vector<T>& from, std::uint32_t begin, std::uint32_t end, std::vector<T>& to) {
+  to.insert(to.end(), from.begin() + begin, from.begin() + end);
+}
+
+bool spans(const std::vector<std::uint32_t>& offsets, std::size_t cells, std::size_t size) {
+  return offsets.size() == cells + 1 && offsets.front() == 0 && offsets.back() == size &&
+         std::is_sorted(offsets.begin(), offsets.end());
+}
+
+/// The core keeps the face stream of a polyhedron in place of the vertices that the message lists beside it.
+void takeFaceStreams(const GridTopology& message, core::Topology& topology) {
+  constexpr auto kPolyhedron = core::CellType::kPolyhedron;
+  const auto& types = topology.cell_types;
+  if (std::find(types.begin(), types.end(), kPolyhedron) == types.end())
+    return;
+  if (!spans(message.cell_offsets, types.size(), message.connectivity.size()) ||
+      !spans(message.face_stream_offsets, types.size(), message.face_stream.size())) {
+    throw core::InputError(
+        "grid topology: with polyhedra cell_offsets must span connectivity and face_stream_offsets face_stream");
+  }
+  topology.connectivity.clear();
+  topology.cell_offsets = {0};
+  for (std::size_t cell = 0; cell < types.size(); ++cell) {
+    const bool is_polyhedron = types[cell] == kPolyhedron;
+    const auto& offsets = is_polyhedron ? message.face_stream_offsets : message.cell_offsets;
+    appendRange(is_polyhedron ? message.face_stream : message.connectivity, offsets[cell], offsets[cell + 1],
+                topology.connectivity);
+    topology.cell_offsets.push_back(static_cast<std::uint32_t>(topology.connectivity.size()));
+  }
+}
+
+}  // namespace
+
 core::Topology fromMessage(const GridTopology& message) {
   if (message.delta)
     throw core::InputError("grid topology: a delta, where this version needs a full message");
@@ -300,6 +336,7 @@ core::Topology fromMessage(const GridTopology& message) {
     topology.cell_types.push_back(static_cast<core::CellType>(type));
   topology.cell_offsets = message.cell_offsets;
   topology.connectivity = message.connectivity;
+  takeFaceStreams(message, topology);
   topology.materials = message.materials;
   topology.face_neighbours = message.face_neighbours;
   topology.cut_faces = message.cut_faces;

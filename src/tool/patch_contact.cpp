@@ -95,7 +95,7 @@ void PatchContact::checkCorners(const Topology& topology, std::uint32_t id) cons
 
 // Bits of the faces behind which the grid has a cell that the patch lacks. An incision's face is a real surface.
 std::uint8_t PatchContact::missingNeighbours(const Topology& topology, std::uint32_t id) const {
-  if (topology.face_neighbours.size() != 6 * topology.cellCount())
+  if (!six_faces_each_)
     return 0;
   unsigned missing = 0;
   for (std::size_t face = 0; face < 6; ++face) {
@@ -136,6 +136,7 @@ PatchContact::Cell PatchContact::makeCell(const Topology& topology, const GridPa
 void PatchContact::update(const Topology& topology, const GridPatch& patch) {
   check(topology, patch);
   clear();
+  six_faces_each_ = std::all_of(topology.cell_types.begin(), topology.cell_types.end(), isHexahedral);
   for (const std::uint32_t id : patch.cell_ids) {
     if (isHexahedral(topology.cell_types[id])) {
       cells_.push_back(makeCell(topology, patch, id));

@@ -13,6 +13,7 @@
 #include <iostream>
 #include <limits>
 #include <random>
+#include <utility>
 
 #include "../src/volume/reader_protocol.h"
 #include "grid/grid_files.h"
@@ -140,25 +141,33 @@ TEST_F(GridDamage, TruncatedFiles) {
 }
 
 TEST_F(GridDamage, HugeClaims) {
+  ReadLimits limits = shortLimits();
+  limits.memory_bytes = std::uint64_t(512) << 20;
+  const auto refused = [&](const std::string& path) { expectRefused(path, "", {}, limits); };
   const std::string text = legacyFile(good());
   for (const char* count : {"2000000000", "200000000000", "-5"}) {
-    expectRefused(folder_.write("a.vtk", replaced(text, "POINTS 26", std::string("POINTS ") + count)), "");
-    expectRefused(folder_.write("b.vtk", replaced(text, "CELLS 6", std::string("CELLS ") + count)), "");
-    expectRefused(folder_.write("c.vtk", replaced(text, "CELL_TYPES 6", std::string("CELL_TYPES ") + count)), "");
-    expectRefused(folder_.write("d.vtk", replaced(text, "POINT_DATA 26", std::string("POINT_DATA ") + count)), "");
+    refused(folder_.write("a.vtk", replaced(text, "POINTS 26", std::string("POINTS ") + count)));
+    refused(folder_.write("b.vtk", replaced(text, "CELLS 6", std::string("CELLS ") + count)));
+    refused(folder_.write("c.vtk", replaced(text, "CELL_TYPES 6", std::string("CELL_TYPES ") + count)));
+    refused(folder_.write("d.vtk", replaced(text, "POINT_DATA 26", std::string("POINT_DATA ") + count)));
     const std::string xml = vtuFile(good());
-    expectRefused(
-        folder_.write("a.vtu", replaced(xml, "NumberOfPoints=\"26", std::string("NumberOfPoints=\"") + count)), "");
-    expectRefused(folder_.write("b.vtu", replaced(xml, "NumberOfCells=\"6", std::string("NumberOfCells=\"") + count)),
-                  "");
+    refused(folder_.write("a.vtu", replaced(xml, "NumberOfPoints=\"26", std::string("NumberOfPoints=\"") + count)));
+    refused(folder_.write("b.vtu", replaced(xml, "NumberOfCells=\"6", std::string("NumberOfCells=\"") + count)));
   }
   for (const char* dims : {"30000 40000 50000", "1000000 1000000 1000000", "-3 4 5"}) {
     for (const std::string& file : {legacyStructuredFile({}), legacyRectilinearFile({}), legacyImageFile({})})
-      expectRefused(folder_.write("a.vtk", replaced(file, "DIMENSIONS 3 4 5", std::string("DIMENSIONS ") + dims)), "");
+      refused(folder_.write("a.vtk", replaced(file, "DIMENSIONS 3 4 5", std::string("DIMENSIONS ") + dims)));
+  }
+  const std::string extent = "\"2 4 2 5 2 6 \"", huge = "\"0 99999 0 99999 0 99999\"";
+  for (const auto& [name, file] : {std::pair<std::string, std::string>{"a.vts", vtsFile({})},
+                                   {"a.vtr", vtrFile({})},
+                                   {"a.vti", vtiGridFile({})}}) {
+    refused(folder_.write(name, replaced(replaced(file, extent, huge), extent, huge)));
   }
   std::string claim = plot3dGrid({Block{}});
   claim[1] = '\x10';  // a million points along the first axis
-  expectRefused(folder_.write("a.xyz", claim), "", optionsOf({"", "", plot3dSolution({Block{}})}, folder_));
+  expectRefused(folder_.write("a.xyz", claim), "no binary PLOT3D grid",
+                optionsOf({"", "", plot3dSolution({Block{}})}, folder_));
 }
 
 TEST_F(GridDamage, IndicesOutOfRange) {
@@ -176,13 +185,7 @@ TEST_F(GridDamage, FaceStreamsThatLeadAstray) {
   for (const long faces : {8L, 100000L, 6L, 0L, -1L}) {
     FileContents contents = good();
     contents.cells[5][0] = faces;
-    SCOPED_TRACE("faces " + std::to_string(faces));
-    try {  // too few faces leave the cell open, which is no error
-      const GridFile file = readGrid(folder_.write("a.vtu", vtuFile(contents)), {}, shortLimits());
-      EXPECT_LT(faces, 7);
-      EXPECT_EQ(file.grid.cellCount(), 5U);
-    } catch (const FileError&) {
-    }
+    expectRefused(folder_.write("a.vtu", vtuFile(contents)), "");
   }
 }
 
@@ -210,8 +213,8 @@ TEST_F(GridDamage, CoordinatesThatAreNotFinite) {
   const std::string reason = "2 of the 26 vertices that cells use are not finite";
   expectRefused(folder_.write("a.vtk", binaryLegacyFile(contents)), reason);
   expectRefused(folder_.write("a.vtu", appendedVtuFile(contents)), reason);
-  expectRefused(folder_.write("b.vtk", legacyFile(contents)), "");  // VTK cannot read the word nan
-  expectRefused(folder_.write("b.vtu", vtuFile(contents)), "");
+  expectRefused(folder_.write("b.vtk", legacyFile(contents)), "Words such as nan");
+  expectRefused(folder_.write("b.vtu", vtuFile(contents)), reason);
 }
 
 TEST_F(GridDamage, NoScalars) {
@@ -254,13 +257,13 @@ TEST_F(GridDamage, SolutionsThatDoNotFit) {
 
 TEST_F(GridDamage, LimitsHold) {
   Block large;
-  large.dims = {120, 120, 120};
+  large.dims = {60, 60, 60};
   const std::string path = folder_.write("a.vts", vtsFile(large));
   ReadLimits limits;
-  limits.memory_bytes = std::uint64_t(24) << 20;
+  limits.memory_bytes = std::uint64_t(8) << 20;
   expectRefused(path, "memory", {}, limits);
   limits.memory_bytes = std::uint64_t(1) << 30;
-  EXPECT_EQ(readGrid(path, {}, limits).grid.cellCount(), 119U * 119U * 119U);
+  EXPECT_EQ(readGrid(path, {}, limits).grid.cellCount(), 59U * 59U * 59U);
   limits.time_s = 0.05;
   EXPECT_THROW(readGrid(path, {}, limits), FileError);
 }

@@ -62,7 +62,7 @@ IrregularGrid mixedCells() {
   addCell(grid, CellType::kVoxel, {0, 1, 2, 3, 4, 5, 6, 7});
   addCell(grid, CellType::kHexahedron, {4, 5, 7, 6, 8, 9, 10, 11});
   addCell(grid, CellType::kPyramid, {8, 9, 10, 11, 12});
-  addCell(grid, CellType::kWedge, {1, 13, 3, 5, 14, 7});
+  addCell(grid, CellType::kWedge, {1, 3, 13, 5, 7, 14});
   addCell(grid, CellType::kTetrahedron, {13, 15, 3, 14});
   // A box [-2, -1] x [0, 1] x [0, 1] without the corner (-1, 1, 1).
   addCell(grid, CellType::kPolyhedron, {7,  4,  16, 19, 18, 17, 5,  20, 21, 24, 25, 22, 4,  16, 17, 21, 20, 5,  19,

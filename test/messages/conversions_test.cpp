@@ -164,6 +164,48 @@ TEST(Conversions, RefusesTopologiesThatDoNotHoldTogether) {
   refused([](GridTopology& m) { m.cut_faces.pop_back(); });
 }
 
+/// A tetrahedron as a polyhedron, and one of VTK's own beside it.
+GridTopology polyhedronMessage() {
+  GridTopology message;
+  message.vertex_count = 5;
+  message.cell_count = 2;
+  message.rest_positions.resize(5);
+  message.texture_coordinates.resize(5);
+  message.fixed.assign(5, 0);
+  message.cell_types = {42, 10};
+  message.cell_offsets = {0, 4, 8};
+  message.connectivity = {0, 1, 2, 3, 1, 2, 3, 4};
+  message.face_stream_offsets = {0, 17, 17};
+  message.face_stream = {4, 3, 0, 1, 3, 3, 1, 2, 3, 3, 2, 0, 3, 3, 0, 2, 1};
+  message.materials = {0, 0};
+  message.face_neighbours.assign(8, -1);
+  message.cut_faces.assign(8, 0);
+  return message;
+}
+
+TEST(Conversions, PolyhedraAreFaceStreamsInTheCore) {
+  const core::Topology topology = fromMessage(polyhedronMessage());
+  EXPECT_EQ(topology.cell_types,
+            (std::vector<core::CellType>{core::CellType::kPolyhedron, core::CellType::kTetrahedron}));
+  EXPECT_EQ(topology.cell_offsets, (std::vector<std::uint32_t>{0, 17, 21}));
+  EXPECT_EQ(topology.connectivity, (std::vector<std::uint32_t>{4, 3, 0, 1, 3, 3, 1, 2, 3, 3, 2, 0, 3, 3, 0, 2, 1,  //
+                                                               1, 2, 3, 4}));
+}
+
+TEST(Conversions, RefusesPolyhedraWithoutTheirFaces) {
+  const auto refused = [](const std::function<void(GridTopology&)>& damage) {
+    expectRefused<GridTopology>(polyhedronMessage(), damage, "");
+  };
+  refused([](GridTopology& m) { m.face_stream_offsets.clear(); });
+  refused([](GridTopology& m) { m.face_stream_offsets = {0, 99, 17}; });
+  refused([](GridTopology& m) { m.face_stream_offsets = {0, 0, 17}; });
+  refused([](GridTopology& m) { m.face_stream.pop_back(); });
+  refused([](GridTopology& m) { m.face_stream[0] = 5; });
+  refused([](GridTopology& m) { m.face_stream[2] = 5; });
+  refused([](GridTopology& m) { m.cell_offsets = {0, 99, 8}; });
+  refused([](GridTopology& m) { m.face_neighbours.pop_back(); });
+}
+
 TEST(Conversions, StatesSurviveTheRoundTripAsKeyFrameAndAsDelta) {
   std::vector<core::Vector3> positions = {{0, 0, 0}, {1, 0, 0}, {0, 1.0 / 3.0, 0}};
   core::StateEncoder encoder;

@@ -165,6 +165,16 @@ TEST(PatchContactTest, KnowsWhereThePatchEndsBeforeTheGrid) {
   EXPECT_FALSE(contact.gridGoesOn({contact.cellOfId(tissue.cellAt(0, 3, 0)), {0.01, 0.5, 0.5}}));
 }
 
+TEST(PatchContactTest, KnowsNothingOfItAmongOtherCells) {
+  Tissue tissue = makeFlatHalfSpace();
+  tissue.keepCells([](const Vector3& centre) { return centre.z() < 0.030; });
+  // Two cells far from the patch change their number of faces, but not its sum: faces no longer count by six.
+  tissue.topology.cell_types.end()[-1] = CellType::kTetrahedron;
+  tissue.topology.cell_types.end()[-2] = CellType::kPolyhedron;
+  const PatchContact contact = contactOf(tissue);
+  EXPECT_FALSE(contact.gridGoesOn({contact.cellOfId(tissue.cellAt(3, 3, 3)), {0.5, 0.5, 0.99}}));
+}
+
 TEST(PatchContactTest, RefusesPatchesThatDoNotFitAndKeepsTheOldOne) {
   const Tissue tissue = makeFlatHalfSpace();
   PatchContact contact = contactOf(tissue);

@@ -46,7 +46,7 @@ struct GridFile {
 /// Reads a grid in the child process that readVolume() uses too (`soft_volume_read_file`):
 /// - legacy VTK (.vtk, ASCII or binary): UNSTRUCTURED_GRID, STRUCTURED_GRID, RECTILINEAR_GRID, STRUCTURED_POINTS;
 /// - VTK's XML files .vtu, .vts, .vtr and .vti;
-/// - binary PLOT3D (.xyz, .x, .p3d, .bin, .g, .grd, .fmt is not read) with its solution, of any byte order and
+/// - binary PLOT3D (.xyz, .x, .p3d, .bin, .g, .grd; not as text) with its solution, of any byte order and
 ///   precision, one or more blocks. Its arrays are Density, Momentum, StagnationEnergy, and, for an ideal gas of
 ///   ratio 1.4 in PLOT3D's units, Pressure, Temperature, Velocity and VelocityMagnitude.
 ///

@@ -106,6 +106,7 @@ class PatchContact {
 
   std::vector<Cell> cells_;  // increasing id
   std::size_t skipped_ = 0;
+  bool six_faces_each_ = false;  // all cells of the grid are hexahedra or voxels
   Box3 bounds_;
   double march_step_m_ = 0.0;
   double mean_edge_m_ = 0.0;

@@ -14,6 +14,7 @@ class Reports : public vtkOutputWindow {
   static Reports* New();
   vtkTypeMacro(Reports, vtkOutputWindow);
   void DisplayText(const char* text) override;
+  bool mentions(const std::string& words) const { return first_.find(words) != std::string::npos; }
   /// Throws ReadError.
   void throwIfAny() const;
 

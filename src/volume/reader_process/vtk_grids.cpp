@@ -91,6 +91,8 @@ Blocks readPlot3d(const std::string& path, const std::string& solution, const Re
       reader->AddFunction(function);
   }
   reader->Update();
+  if (reports.mentions("Auto detection check failed"))
+    throw ReadError("is no binary PLOT3D grid, or damaged: its length fits no byte order, precision and blanking");
   reports.throwIfAny();
   Blocks blocks;
   for (unsigned i = 0; i < reader->GetOutput()->GetNumberOfBlocks(); ++i)
