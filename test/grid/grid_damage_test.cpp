@@ -19,12 +19,15 @@
 #include "grid/grid_files.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/grid/grid_reader.h"
+#include "volume/file_damage.h"
 #include "volume/sample_files.h"
 
 namespace soft_volume::core {
 namespace {
 
 using namespace testing_grid;
+using testing_volume::damaged;
+using testing_volume::fuzzRounds;
 using testing_volume::replaced;
 using testing_volume::TemporaryFolder;
 
@@ -340,32 +343,6 @@ TEST_F(FakeGridReader, InconsistentAnswersAreRefused) {
   expectRefused(use("SVVOLUME" + std::string(300, '\0')), "not understood");
 }
 
-/// Damages one file in one of five ways.
-std::string damaged(std::string bytes, std::mt19937& random) {
-  const auto below = [&random](std::size_t count) { return random() % count; };
-  const std::size_t at = below(bytes.size());
-  switch (below(5)) {
-    case 0:
-      return bytes.substr(0, at);
-    case 1:
-      return bytes.replace(at, std::min<std::size_t>(1 + below(40), bytes.size() - at), below(40), '\0');
-    case 2:
-      return bytes.insert(at, bytes.substr(below(bytes.size()), below(60)));
-    case 3:
-      return bytes.erase(at, below(30));
-    default:
-      for (std::size_t i = 0, count = 1 + below(8); i < count; ++i)
-        bytes[below(bytes.size())] = static_cast<char>(below(256));
-      return bytes;
-  }
-}
-
-/// The number of rounds can be raised for a longer search: SOFT_VOLUME_FUZZ_ROUNDS=1000.
-int fuzzRounds() {
-  const char* rounds = std::getenv("SOFT_VOLUME_FUZZ_ROUNDS");
-  return rounds != nullptr ? std::atoi(rounds) : 6;
-}
-
 /// What comes back was validated by readGrid(); here it must also be of the promised kind.
 void expectUsable(const GridFile& file) {
   EXPECT_GT(file.grid.cellCount(), 0U);
@@ -382,7 +359,7 @@ TEST_F(GridDamage, RandomDamageIsRefusedOrConsistent) {
   ReadLimits limits;
   limits.memory_bytes = std::uint64_t(256) << 20;
   limits.time_s = 3.0;
-  for (int round = 0; round < fuzzRounds(); ++round) {
+  for (int round = 0; round < fuzzRounds(6); ++round) {
     for (Sample sample : goodFiles()) {
       SCOPED_TRACE("seed " + std::to_string(kSeed) + ", round " + std::to_string(round) + ", " + sample.name);
       std::string& victim = sample.solution.empty() || random() % 2 == 0 ? sample.bytes : sample.solution;

@@ -18,6 +18,7 @@
 #include "../src/volume/reader_protocol.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/volume/volume_reader.h"
+#include "volume/file_damage.h"
 #include "volume/sample_files.h"
 
 namespace soft_volume::core {
@@ -429,38 +430,11 @@ TEST_F(FakeReader, MissingProgramIsNamed) {
   expectRefused(path_, "/no/such/program");
 }
 
-/// Damages one file in one of five ways.
-std::string damaged(std::string bytes, std::mt19937& random) {
-  const auto below = [&random](std::size_t count) { return random() % count; };
-  const std::size_t at = below(bytes.size());
-  switch (below(5)) {
-    case 0:
-      return bytes.substr(0, at);
-    case 1:
-      return bytes.replace(at, std::min<std::size_t>(1 + below(40), bytes.size() - at), below(40), '\0');
-    case 2:
-      return bytes.insert(at, bytes.substr(below(bytes.size()), below(60)));
-    case 3:
-      return bytes.erase(at, below(30));
-    default:
-      for (std::size_t i = 0, count = 1 + below(8); i < count; ++i) {
-        bytes[below(std::min<std::size_t>(bytes.size(), 500))] = static_cast<char>(below(256));
-      }
-      return bytes;
-  }
-}
-
 void expectConsistent(const Volume& volume) {
   const VolumeGeometry& geometry = volume.geometry();
   EXPECT_EQ(volume.data().size(), geometry.voxelCount() * scalarSize(volume.type()));
   EXPECT_NO_THROW(Volume(geometry, volume.type(), volume.data()));
   EXPECT_TRUE(std::isfinite(volume.range()[1]));
-}
-
-/// The number of rounds can be raised for a longer search: SOFT_VOLUME_FUZZ_ROUNDS=1000.
-int fuzzRounds() {
-  const char* rounds = std::getenv("SOFT_VOLUME_FUZZ_ROUNDS");
-  return rounds != nullptr ? std::atoi(rounds) : 12;
 }
 
 TEST_F(Damage, RandomDamageIsRefusedOrConsistent) {
@@ -470,7 +444,7 @@ TEST_F(Damage, RandomDamageIsRefusedOrConsistent) {
   ReadLimits limits;
   limits.memory_bytes = std::uint64_t(256) << 20;
   limits.time_s = 3.0;
-  for (int round = 0; round < fuzzRounds(); ++round) {
+  for (int round = 0; round < fuzzRounds(12); ++round) {
     for (const Sample& sample : goodFiles()) {
       SCOPED_TRACE("seed " + std::to_string(kSeed) + ", round " + std::to_string(round) + ", " + sample.name);
       const TemporaryFolder folder;
