@@ -7,6 +7,7 @@
 #include "drawn_grid.h"
 #include "soft_volume/render/renderer.h"
 #include "soft_volume/render/slice_mesh.h"
+#include "soft_volume/render/slice_planes.h"
 #include "transfer_table.h"
 
 namespace soft_volume::core {
@@ -18,7 +19,7 @@ struct DrawJob {
   const std::vector<Vector3f>& positions;  ///< per vertex, camera frame
   const std::vector<std::uint8_t>& skip;   ///< per cell, nonzero where it shows nothing
   PixelRect rect;                          ///< only these pixels are drawn
-  double distance_m;                       ///< of the planes that are not extra
+  SlicePlanes planes;                      ///< all but the extra ones
   bool cross_section;                      ///< one slice, colours without transparency
 };
 

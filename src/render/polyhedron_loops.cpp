@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "loop_holes.h"
+
 namespace soft_volume::core {
 
 void PolyhedronLoops::begin(const std::vector<SliceVertex>& vertices) {
@@ -97,6 +99,21 @@ void PolyhedronLoops::finish() {
   for (Segment& segment : segments_) {
     if (!segment.used)
       walkFrom(segment);
+  }
+  if (loopCount() > 1)
+    splitHoles();
+}
+
+void PolyhedronLoops::splitHoles() {
+  Loops loops;
+  for (std::size_t i = 0; i < loopCount(); ++i)
+    loops.emplace_back(loop(i), loop(i) + loopSize(i));
+  splitAtHoles(*vertices_, loops);
+  corners_.clear();
+  loop_begin_.assign(1, 0);
+  for (const auto& loop : loops) {
+    corners_.insert(corners_.end(), loop.begin(), loop.end());
+    loop_begin_.push_back(corners_.size());
   }
 }
 

@@ -23,7 +23,7 @@ class PolyhedronLoops {
   void beginFace(std::size_t corners);
   void addCut(std::uint32_t vertex, bool leaves) { cuts_.push_back({vertex, leaves}); }
   void endFace();
-  /// Makes the loops: each has three corners or more.
+  /// Makes the loops: each has three corners or more, and none lies in a hole of another.
   void finish();
 
   std::size_t loopCount() const { return loop_begin_.size() - 1; }
@@ -46,6 +46,7 @@ class PolyhedronLoops {
   void pairRuns();
   Segment* unusedFrom(std::uint32_t vertex);
   void walkFrom(Segment& start);
+  void splitHoles();
 
   const std::vector<SliceVertex>* vertices_ = nullptr;
   std::size_t face_corners_ = 0;

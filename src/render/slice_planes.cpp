@@ -10,7 +10,7 @@ SlicePlanes planesThrough(const std::array<double, 2>& range_m, double anchor_m,
   planes.distance_m = distance_m;
   const double first = std::ceil((range_m[0] - anchor_m) / distance_m - 0.5);
   const double last = std::floor((range_m[1] - anchor_m) / distance_m - 0.5);
-  planes.first_z_m = anchor_m + (first + 0.5) * distance_m;
+  planes.anchor_m = anchor_m;
   planes.first_number = int(std::clamp(first, -1e9, 1e9));
   planes.count = int(std::clamp(last - first + 1.0, 0.0, double(max_count)));
   return planes;

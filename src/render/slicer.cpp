@@ -46,7 +46,7 @@ bool directionMap(const Eigen::Matrix3f& edges, const Eigen::Matrix3f& texture, 
 
 /// Index of the first plane behind z, which may be one past the last.
 int firstPlaneBehind(const SlicePlanes& planes, float z_m) {
-  const double estimate = std::floor((z_m - planes.first_z_m) / planes.distance_m) - 1.0;
+  const double estimate = std::floor((z_m - planes.depth(0)) / planes.distance_m) - 1.0;
   int plane = int(std::clamp(estimate, 0.0, double(planes.count)));
   while (plane < planes.count && planes.z(plane) <= z_m)
     ++plane;

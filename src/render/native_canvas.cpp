@@ -1,0 +1,503 @@
+#include "native_canvas.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "light.h"
+#include "native_tile.h"
+#include "soft_volume/common/parallel.h"
+#include "soft_volume/grid/cell_shape.h"
+
+namespace soft_volume::core {
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+int floorDivide(int a, int b) {
+  return a >= 0 ? a / b : -((b - 1 - a) / b);
+}
+
+/// Coordinates of a cell's vertex in the unit cube, in the order of its type.
+std::array<float, 3> cubeCorner(CellType type, std::size_t corner) {
+  constexpr std::array<std::size_t, 8> kVoxelOrder = {0, 1, 3, 2, 4, 5, 7, 6};  // of the hexahedron's corners
+  const std::size_t c = type == CellType::kVoxel ? kVoxelOrder[corner] : corner;
+  return {float((c ^ c >> 1) & 1), float(c >> 1 & 1), float(c >> 2)};
+}
+
+/// Of the trilinear polynomial through eight scalars: 1, u, v, w, uv, uw, vw, uvw.
+std::array<float, 8> trilinearCoefficients(CellType type, const std::uint32_t* cell,
+                                           const std::vector<float>& scalars) {
+  std::array<float, 8> s{};  // by u + 2 v + 4 w
+  for (std::size_t i = 0; i < 8; ++i) {
+    const std::array<float, 3> p = cubeCorner(type, i);
+    s[std::size_t(p[0]) + 2 * std::size_t(p[1]) + 4 * std::size_t(p[2])] = scalars[cell[i]];
+  }
+  return {s[0],
+          s[1] - s[0],
+          s[2] - s[0],
+          s[4] - s[0],
+          s[3] - s[2] - s[1] + s[0],
+          s[5] - s[4] - s[1] + s[0],
+          s[6] - s[4] - s[2] + s[0],
+          s[7] - s[6] - s[5] + s[4] - s[3] + s[2] + s[1] - s[0]};
+}
+
+bool isCube(CellType type) {
+  return type == CellType::kHexahedron || type == CellType::kVoxel;
+}
+
+/// What red, green, blue and absorption become so that they can be interpolated.
+void toColour(const TransferTable& table, double scalar, float* colour) {
+  if (std::isnan(scalar)) {
+    std::fill_n(colour, 4, kNaN);
+    return;
+  }
+  const double place = (scalar - table.firstValue()) * table.entriesPerValue();
+  const auto entry = std::size_t(std::clamp(place, 0.0, double(TransferTable::kSize - 1)) + 0.5);
+  const TransferTable::Entry& e = table.entries()[entry];
+  for (std::size_t n = 0; n < 3; ++n)
+    colour[n] = e[n] * e[3];
+  colour[3] = e[3];
+}
+
+/// Repeats the voxels of an axis that has but one: the kernel interpolates between two along each.
+template <typename Texel>
+void thicken(const Texel* from, const Vector3i& dims, const Vector3i& padded, std::vector<std::uint8_t>& to) {
+  to.resize(std::size_t(padded.x()) * std::size_t(padded.y()) * std::size_t(padded.z()) * sizeof(Texel));
+  auto* texel = reinterpret_cast<Texel*>(to.data());
+  for (int k = 0; k < padded.z(); ++k) {
+    for (int j = 0; j < padded.y(); ++j) {
+      for (int i = 0; i < padded.x(); ++i) {
+        const Vector3i voxel = Vector3i(i, j, k).cwiseMin(dims - Vector3i::Ones());
+        *texel++ =
+            from[std::size_t(voxel.x()) +
+                 std::size_t(dims.x()) * (std::size_t(voxel.y()) + std::size_t(dims.y()) * std::size_t(voxel.z()))];
+      }
+    }
+  }
+}
+
+TexelView texelView(const VolumeTexels& texels, const Vector3i& dims, std::vector<std::uint8_t>& padded_texels) {
+  TexelView view{};
+  view.texels = texels.data();
+  view.type = texels.type() == GL_SHORT ? 0 : (texels.type() == GL_UNSIGNED_SHORT ? 1 : 2);
+  const Vector3i padded = dims.cwiseMax(2);
+  if (padded != dims) {
+    if (view.type == 0)
+      thicken(static_cast<const std::int16_t*>(texels.data()), dims, padded, padded_texels);
+    else if (view.type == 1)
+      thicken(static_cast<const std::uint16_t*>(texels.data()), dims, padded, padded_texels);
+    else
+      thicken(static_cast<const float*>(texels.data()), dims, padded, padded_texels);
+    view.texels = padded_texels.data();
+  }
+  for (int axis = 0; axis < 3; ++axis)
+    view.dims[axis] = padded[axis];
+  view.row = std::size_t(padded.x());
+  view.slice = view.row * std::size_t(padded.y());
+  return view;
+}
+
+std::vector<std::uint16_t> labelsOf(const Volume& volume) {
+  const Vector3i& dims = volume.geometry().dims;
+  std::vector<std::uint16_t> labels;
+  labels.reserve(volume.geometry().voxelCount());
+  for (int k = 0; k < dims.z(); ++k) {
+    for (int j = 0; j < dims.y(); ++j) {
+      for (int i = 0; i < dims.x(); ++i) {
+        const double label = volume.at(i, j, k);
+        labels.push_back(label > 0.0 ? std::uint16_t(std::min(label, 65535.0)) : std::uint16_t(0));
+      }
+    }
+  }
+  return labels;
+}
+
+}  // namespace
+
+NativeCanvas::NativeCanvas(const NativeKernel& kernel) : kernel_(kernel) {}
+NativeCanvas::~NativeCanvas() = default;
+
+std::string NativeCanvas::driver() const {
+  return "native";
+}
+
+void NativeCanvas::setVolume(const Volume& volume) {
+  texels_.emplace(volume);
+  volume_geometry_ = volume.geometry();
+  padded_texels_.clear();
+  volume_view_ = texelView(*texels_, volume_geometry_.dims, padded_texels_);
+}
+
+void NativeCanvas::setLabels(const Volume* labels) {
+  labels_.clear();
+  label_view_ = {};
+  if (labels == nullptr)
+    return;
+  labels_ = labelsOf(*labels);
+  for (int axis = 0; axis < 3; ++axis)
+    label_view_.dims[axis] = labels->geometry().dims[axis];
+}
+
+void NativeCanvas::setTable(const TransferTable& table) {
+  table_ = &table;
+}
+
+void NativeCanvas::setGrid(const DrawnGrid& grid) {
+  grid_ = &grid;
+  boundary_known_ = false;
+}
+
+SampleKind NativeCanvas::kind() const {
+  if (grid_->isTextured())
+    return SampleKind::kTexture;
+  if (!grid_->cell_scalars.empty() || job_->options.lookup == Lookup::kColour)
+    return SampleKind::kColour;
+  return SampleKind::kScalar;
+}
+
+/// Colours per vertex, or per cell where the scalars are.
+void NativeCanvas::prepareColours() {
+  colours_.clear();
+  if (kind_ != SampleKind::kColour)
+    return;
+  const std::vector<float>& scalars = grid_->cell_scalars.empty() ? grid_->point_scalars : grid_->cell_scalars;
+  colours_.resize(scalars.size() * 4);
+  parallelFor(std::ptrdiff_t(scalars.size()), threads_,
+              [&](std::ptrdiff_t i) { toColour(*table_, scalars[std::size_t(i)], &colours_[std::size_t(i) * 4]); });
+}
+
+void NativeCanvas::prepareTiles() {
+  const PixelRect& rect = job_->rect;
+  first_tile_x_ = floorDivide(rect.begin_x, kTileWidth);
+  first_tile_y_ = floorDivide(rect.begin_y, kTileHeight);
+  tiles_x_ = rect.empty() ? 0 : floorDivide(rect.end_x - 1, kTileWidth) + 1 - first_tile_x_;
+  tiles_y_ = rect.empty() ? 0 : floorDivide(rect.end_y - 1, kTileHeight) + 1 - first_tile_y_;
+  tiles_.resize(tileCount());
+  parallelTasks(std::ptrdiff_t(tileCount()), threads_, [&](std::ptrdiff_t i, int) {
+    Tile& tile = tiles_[std::size_t(i)];
+    tile.x = (first_tile_x_ + int(i) % tiles_x_) * kTileWidth;
+    tile.y = (first_tile_y_ + int(i) / tiles_x_) * kTileHeight;
+    tile.opaque = false;
+    tile.segments = 0;
+    tile.event_layers = 0;
+    tile.floats.assign(std::size_t(job_->options.depth ? 11 : 10) * kTilePixels, 0.0F);
+    std::fill_n(tile.array(4), kTilePixels, kNaN);  // the scalar of kScalar
+    std::fill_n(tile.array(7), kTilePixels, kNaN);  // that of the others
+    if (job_->options.depth)
+      std::fill_n(tile.array(10), kTilePixels, kNaN);
+    tile.labels.assign(job_->options.labels ? kTilePixels : 0, 0);
+  });
+}
+
+void NativeCanvas::prepareJob() {
+  const Camera& camera = job_->camera;
+  const RenderOptions& options = job_->options;
+  base_ = {};
+  base_.kind = kind_;
+  base_.perspective = camera.projection == Projection::kPerspective;
+  base_.cx = float(camera.cx);
+  base_.cy = float(camera.cy);
+  base_.slope_x = base_.perspective ? float(1.0 / camera.fx) : 0.0F;
+  base_.slope_y = base_.perspective ? float(1.0 / camera.fy) : 0.0F;
+  base_.pixel_x = float(camera.fx);
+  base_.pixel_y = float(camera.fy);
+  base_.distance = float(job_->planes.distance_m);
+  base_.table = {table_->entries().front().data(), table_->integrals().front().data(), float(table_->firstValue()),
+                 float(table_->entriesPerValue()), TransferTable::kSize};
+  base_.volume = volume_view_;
+  base_.labels = label_view_;
+  base_.labels.labels = labels_.empty() ? nullptr : labels_.data();
+  for (int axis = 0; axis < 3; ++axis) {
+    base_.labels.per_voxel[axis] = float(label_view_.dims[axis]) / float(volume_geometry_.dims[axis]);
+    base_.labels.offset[axis] = 0.5F * base_.labels.per_voxel[axis] - 0.5F;
+  }
+  base_.shading = float(options.shading);
+  base_.specular = float(options.specular);
+  const Vector3f light = lightDirection();
+  const Vector3f half_way = (light + Vector3f(0.0F, 0.0F, -1.0F)).normalized();
+  for (int axis = 0; axis < 3; ++axis) {
+    base_.light[axis] = light[axis];
+    base_.half_way[axis] = half_way[axis];
+  }
+  base_.edge_scale = kEdgesPerRange * float(table_->entriesPerValue()) / float(TransferTable::kSize);
+  base_.normal_step = grid_->isTextured() ? float(std::cbrt(volume_geometry_.spacing_m.prod())) : base_.distance;
+  base_.depth_threshold = float(options.depth_threshold);
+  base_.jitter = options.jitter;
+  base_.cross_section = job_->cross_section;
+  const Pose T_camera_volume = camera.T_volume_camera.inverse();
+  base_.clips = int(options.clip_planes.size());
+  for (std::size_t n = 0; n < options.clip_planes.size(); ++n) {
+    const ClipPlane& plane = options.clip_planes[n];
+    const Vector3 normal = T_camera_volume.orientation * plane.normal;
+    for (int axis = 0; axis < 3; ++axis)
+      base_.clip[n][axis] = float(normal[axis]);
+    base_.clip[n][3] = float(plane.offset_m - plane.normal.dot(camera.T_volume_camera.position_m));
+  }
+}
+
+void NativeCanvas::begin(const DrawJob& job) {
+  job_ = &job;
+  kind_ = kind();
+  threads_ = threadsFor(job.options.threads);
+  scratch_.resize(std::size_t(threads_));
+  for (Scratch& scratch : scratch_)
+    scratch.samples.resize(samplePartsOf(kind_) * kRunPlanes * kPlaneSamples);
+  polygons_ = 0;
+  slices_ = 0;
+  prepareColours();
+  prepareTiles();
+  prepareJob();
+  if (job.options.exact_boundary && !job.cross_section)
+    prepareEvents();
+}
+
+void NativeCanvas::valuesAtVertex(std::uint32_t vertex, float* values) const {
+  if (kind_ == SampleKind::kTexture) {
+    for (int axis = 0; axis < 3; ++axis)
+      values[axis] = grid_->texture[vertex][axis] * float(volume_geometry_.dims[axis]) - 0.5F;
+  } else if (kind_ == SampleKind::kColour) {
+    std::copy_n(&colours_[std::size_t(vertex) * 4], 4, values);
+  } else {
+    values[0] = grid_->point_scalars[vertex];
+  }
+}
+
+/// What every corner of the run's polygons is interpolated from.
+void NativeCanvas::prepareValues(const SliceMesh& mesh) {
+  const std::size_t count = samplePartsOf(kind_);
+  if (kind_ == SampleKind::kColour && !grid_->cell_scalars.empty())
+    return;  // constant in the cells
+  values_.resize(mesh.vertices.size() * count);
+  parallelFor(std::ptrdiff_t(mesh.vertices.size()), threads_, [&](std::ptrdiff_t i) {
+    const SliceVertex& vertex = mesh.vertices[std::size_t(i)];
+    std::array<float, kMaxAttributes> a{};
+    std::array<float, kMaxAttributes> b{};
+    valuesAtVertex(vertex.a, a.data());
+    valuesAtVertex(vertex.b, b.data());
+    for (std::size_t n = 0; n < count; ++n)
+      values_[std::size_t(i) * count + n] = a[n] + vertex.t * (b[n] - a[n]);
+  });
+}
+
+/// The polygons of every tile, in their order.
+void NativeCanvas::binPolygons(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice) {
+  const std::size_t first = mesh.slices[first_slice].first_polygon;
+  const std::size_t end = mesh.slices[end_slice - 1].first_polygon + mesh.slices[end_slice - 1].polygon_count;
+  polygon_tiles_.resize(end - first);
+  parallelFor(std::ptrdiff_t(end - first), threads_, [&](std::ptrdiff_t i) {
+    const SlicePolygon& polygon = mesh.polygons[first + std::size_t(i)];
+    Eigen::AlignedBox2f box;
+    for (std::uint32_t n = polygon.first; n < polygon.first + polygon.size; ++n) {
+      const SliceVertex& vertex = mesh.vertices[mesh.corners[n]];
+      box.extend(Eigen::Vector2f(vertex.u, vertex.v));
+    }
+    const auto tile = [](float pixel, int size, int first_tile, int count) {
+      const float place = std::floor(pixel / float(size)) - float(first_tile);
+      return std::int16_t(std::clamp(place, -1.0F, float(count)));
+    };
+    // The apron of a tile shows what lies just beyond it.
+    polygon_tiles_[std::size_t(i)] = {
+        std::max<std::int16_t>(0, tile(box.min().x() - kApron, kTileWidth, first_tile_x_, tiles_x_)),
+        std::min<std::int16_t>(std::int16_t(tiles_x_ - 1),
+                               tile(box.max().x() + kApron, kTileWidth, first_tile_x_, tiles_x_)),
+        std::max<std::int16_t>(0, tile(box.min().y() - kApron, kTileHeight, first_tile_y_, tiles_y_)),
+        std::min<std::int16_t>(std::int16_t(tiles_y_ - 1),
+                               tile(box.max().y() + kApron, kTileHeight, first_tile_y_, tiles_y_))};
+  });
+  const auto forEachTile = [&](const auto& visit) {
+    for (std::size_t i = 0; i < polygon_tiles_.size(); ++i) {
+      const auto& range = polygon_tiles_[i];
+      for (int y = range[2]; y <= range[3]; ++y) {
+        for (int x = range[0]; x <= range[1]; ++x)
+          visit(std::size_t(y) * std::size_t(tiles_x_) + std::size_t(x), std::uint32_t(first + i));
+      }
+    }
+  };
+  bin_begin_.assign(tileCount() + 1, 0);
+  forEachTile([&](std::size_t tile, std::uint32_t) { ++bin_begin_[tile + 1]; });
+  for (std::size_t tile = 1; tile < bin_begin_.size(); ++tile)
+    bin_begin_[tile] += bin_begin_[tile - 1];
+  bins_.resize(bin_begin_.back());
+  bin_next_.assign(bin_begin_.begin(), bin_begin_.end() - 1);
+  forEachTile([&](std::size_t tile, std::uint32_t polygon) { bins_[bin_next_[tile]++] = polygon; });
+}
+
+FillCorner NativeCanvas::cornerAt(const SliceMesh& mesh, const SlicePolygon& polygon, std::size_t corner) const {
+  const std::uint32_t number = mesh.corners[polygon.first + corner];
+  const SliceVertex& vertex = mesh.vertices[number];
+  FillCorner filled{vertex.u, vertex.v, {}};
+  const std::size_t count = samplePartsOf(kind_);
+  const bool constant = kind_ == SampleKind::kColour && !grid_->cell_scalars.empty();
+  std::copy_n(constant ? &colours_[std::size_t(polygon.cell) * 4] : &values_[std::size_t(number) * count], count,
+              filled.value);
+  return filled;
+}
+
+/// The corners' places in the cell, from which the scalar is interpolated.
+void NativeCanvas::setTrilinearCorners(const SliceMesh& mesh, const SlicePolygon& polygon, FillCorner* corners) const {
+  const CellType type = grid_->cell_types[polygon.cell];
+  const std::uint32_t* cell = &grid_->connectivity[grid_->cell_offsets[polygon.cell]];
+  const CellShape& shape = shapeOf(type);
+  for (std::uint32_t n = 0; n < polygon.size; ++n) {
+    const SliceVertex& vertex = mesh.vertices[mesh.corners[polygon.first + n]];
+    const auto& edge = shape.edges[mesh.edges[polygon.first + n]];
+    const float t = cell[edge[0]] == vertex.a ? vertex.t : 1.0F - vertex.t;
+    const std::array<float, 3> from = cubeCorner(type, edge[0]);
+    const std::array<float, 3> to = cubeCorner(type, edge[1]);
+    corners[n] = {vertex.u, vertex.v, {}};
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      corners[n].value[axis] = from[axis] + t * (to[axis] - from[axis]);
+  }
+}
+
+void NativeCanvas::fillPolygon(const SliceMesh& mesh, std::uint32_t number, const FillTarget& target,
+                               Scratch& scratch) const {
+  const SlicePolygon& polygon = mesh.polygons[number];
+  scratch.reserveCorners(polygon.size);
+  const CellType type = grid_->cell_types[polygon.cell];
+  FillCorner* corners = scratch.corners.data();
+  if (kind_ == SampleKind::kScalar && isCube(type)) {
+    const std::uint32_t* cell = &grid_->connectivity[grid_->cell_offsets[polygon.cell]];
+    const std::array<float, 8> coefficients = trilinearCoefficients(type, cell, grid_->point_scalars);
+    setTrilinearCorners(mesh, polygon, corners);
+    kernel_.fill(target, corners, int(polygon.size), 3, coefficients.data(), scratch.crossings.data());
+    return;
+  }
+  for (std::uint32_t n = 0; n < polygon.size; ++n)
+    corners[n] = cornerAt(mesh, polygon, n);
+  kernel_.fill(target, corners, int(polygon.size), int(samplePartsOf(kind_)), nullptr, scratch.crossings.data());
+}
+
+void NativeCanvas::composite(Tile& tile, CompositeJob& job, const Scratch& scratch) const {
+  job.tile_x = tile.x;
+  job.tile_y = tile.y;
+  const PixelRect& rect = job_->rect;
+  job.begin_x = std::max(tile.x, rect.begin_x);
+  job.end_x = std::min(tile.x + kTileWidth, rect.end_x);
+  job.begin_y = std::max(tile.y, rect.begin_y);
+  job.end_y = std::min(tile.y + kTileHeight, rect.end_y);
+  job.occupied = scratch.occupied.data();
+  for (std::size_t n = 0; n < samplePartsOf(kind_); ++n)
+    job.sample[n] = scratch.sampleAt(n);
+  if (tile.event_layers > 0) {
+    job.events.z = tile.event_z.data();
+    for (std::size_t n = 0; n < kMaxSampleParts; ++n)
+      job.events.sample[n] = tile.event_sample[n].data();
+    job.events.entering = tile.event_entering.data();
+    job.events.count = tile.event_layers;
+    job.events.next = tile.event_next.data();
+  }
+  const PixelState state = tile.state(job_->options.depth);
+  tile.segments += kernel_.composite(job, state);
+  float lowest = 1.0F;
+  for (int y = job.begin_y; y < job.end_y; ++y) {
+    const float* row = state.opacity + (y - tile.y) * kTileWidth;
+    lowest = std::min(lowest, *std::min_element(row + (job.begin_x - tile.x), row + (job.end_x - tile.x)));
+  }
+  tile.opaque = lowest >= 0.999F;
+}
+
+void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32_t* polygons, std::size_t count,
+                            std::size_t first_slice, std::size_t end_slice, bool last, Scratch& scratch) const {
+  if (tile.opaque)
+    return;
+  scratch.occupied.fill(0);
+  std::size_t slice = first_slice;
+  const std::size_t attributes = samplePartsOf(kind_);
+  FillTarget target{};
+  target.first_x = tile.x - kPixelLanes;
+  target.first_y = tile.y - kApron;
+  target.begin_x = tile.x - kApron;
+  target.end_x = tile.x + kTileWidth + kApron;
+  target.begin_y = tile.y - kApron;
+  target.end_y = tile.y + kTileHeight + kApron;
+  for (std::size_t n = 0; n < count; ++n) {
+    while (polygons[n] >= mesh.slices[slice].first_polygon + mesh.slices[slice].polygon_count)
+      ++slice;
+    const std::size_t plane = slice - first_slice;
+    if (scratch.occupied[plane] == 0) {
+      scratch.occupied[plane] = 1;
+      std::fill_n(scratch.sampleAt(0, plane), kPlaneSamples, kNaN);
+      for (std::size_t a = 1; a < attributes; ++a)
+        std::fill_n(scratch.sampleAt(a, plane), kPlaneSamples, kNaN);
+    }
+    for (std::size_t a = 0; a < attributes; ++a)
+      target.sample[a] = scratch.sampleAt(a, plane);
+    fillPolygon(mesh, polygons[n], target, scratch);
+  }
+  CompositeJob job = base_;
+  std::array<float, kRunPlanes> z{};
+  std::array<float, kRunPlanes> front{};
+  std::array<float, kRunPlanes> back{};
+  std::array<std::uint8_t, kRunPlanes> extra{};
+  for (std::size_t n = 0; n < end_slice - first_slice; ++n) {
+    const Slice& s = mesh.slices[first_slice + n];
+    z[n] = s.z_m;
+    front[n] = s.front_m;
+    back[n] = s.back_m;
+    extra[n] = std::uint8_t(s.extra);
+  }
+  job.planes = int(end_slice - first_slice);
+  job.z = z.data();
+  job.front = front.data();
+  job.back = back.data();
+  job.extra = extra.data();
+  job.last = last;
+  composite(tile, job, scratch);
+}
+
+void NativeCanvas::drawRun(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice, bool last) {
+  if (first_slice < end_slice)
+    binPolygons(mesh, first_slice, end_slice);
+  else
+    bin_begin_.assign(tileCount() + 1, 0);
+  parallelTasks(std::ptrdiff_t(tileCount()), threads_, [&](std::ptrdiff_t i, int worker) {
+    const std::uint32_t* polygons = bins_.data() + bin_begin_[std::size_t(i)];
+    const std::size_t count = bin_begin_[std::size_t(i) + 1] - bin_begin_[std::size_t(i)];
+    drawTile(mesh, tiles_[std::size_t(i)], polygons, count, first_slice, end_slice, last,
+             scratch_[std::size_t(worker)]);
+  });
+}
+
+void NativeCanvas::draw(const SliceMesh& mesh) {
+  if (tileCount() == 0)
+    return;
+  prepareValues(mesh);
+  for (std::size_t first = 0; first < mesh.slices.size(); first += kRunPlanes)
+    drawRun(mesh, first, std::min(first + kRunPlanes, mesh.slices.size()), false);
+  polygons_ += mesh.polygons.size();
+  slices_ += int(mesh.slices.size());
+}
+
+void NativeCanvas::finish(Frame& frame) {
+  if (tileCount() > 0 && !job_->cross_section)
+    drawRun({}, 0, 0, true);
+  frame.polygons = polygons_;
+  frame.slices = slices_;
+  frame.fragments = 0;
+  const std::size_t width = std::size_t(frame.width);
+  for (Tile& tile : tiles_) {
+    frame.fragments += tile.segments;
+    const PixelState state = tile.state(job_->options.depth);
+    const PixelRect& rect = job_->rect;
+    for (int y = std::max(tile.y, rect.begin_y); y < std::min(tile.y + kTileHeight, rect.end_y); ++y) {
+      for (int x = std::max(tile.x, rect.begin_x); x < std::min(tile.x + kTileWidth, rect.end_x); ++x) {
+        const std::size_t from = std::size_t(y - tile.y) * kTileWidth + std::size_t(x - tile.x);
+        const std::size_t to = std::size_t(y) * width + std::size_t(x);
+        for (std::size_t n = 0; n < 3; ++n)
+          frame.rgba[to * 4 + n] = state.colour[n][from];
+        frame.rgba[to * 4 + 3] = state.opacity[from];
+        if (state.depth != nullptr)
+          frame.depth_m[to] = state.depth[from];
+        if (state.label != nullptr)
+          frame.labels[to] = state.label[from];
+      }
+    }
+  }
+  job_ = nullptr;
+}
+
+}  // namespace soft_volume::core

@@ -1,0 +1,149 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace soft_volume::core {
+
+/// Pixels are worked on in blocks of this many neighbours of a row.
+constexpr int kPixelLanes = 8;
+/// Tiles lie on a fixed raster from pixel (0, 0), so that what a pixel gets never depends on the rectangle drawn.
+constexpr int kTileWidth = 64;
+constexpr int kTileHeight = 32;
+constexpr int kTilePixels = kTileWidth * kTileHeight;
+/// Samples reach this far beyond a tile, for the differences that normals are made of. Rows keep room for one block
+/// more, as the last block of a span may overhang.
+constexpr int kApron = 1;
+constexpr int kSampleStride = kTileWidth + 2 * kPixelLanes;
+constexpr int kSampleRows = kTileHeight + 2 * kApron;
+constexpr int kPlaneSamples = kSampleStride * kSampleRows;
+/// Planes that are sampled before they are composited.
+constexpr int kRunPlanes = 16;
+/// Of a sample, and of what is interpolated across a polygon: a boundary face has its depth as well.
+constexpr int kMaxSampleParts = 4;
+constexpr int kMaxAttributes = kMaxSampleParts + 1;
+constexpr int kMaxKernelClips = 8;
+
+/// What a plane's sample of a pixel consists of.
+enum class SampleKind : std::uint8_t {
+  kScalar,   ///< the scalar
+  kTexture,  ///< place in the volume: voxel index along each axis
+  kColour,   ///< red, green, blue times absorption, and absorption
+};
+
+/// One corner of a polygon: pixels, and what is interpolated between the corners.
+struct FillCorner {
+  float x, y;
+  float value[kMaxAttributes];
+};
+
+/// Where a polygon's samples go: kPlaneSamples floats for each attribute. The first pixel of a row is
+/// kPixelLanes pixels left of the tile.
+struct FillTarget {
+  float* sample[kMaxAttributes];
+  int first_x, first_y;  ///< pixel of the first sample of the first row
+  int begin_x, end_x;    ///< pixels that are wanted, within the rows
+  int begin_y, end_y;
+};
+
+/// Fills a polygon by the even-odd rule. A pixel belongs to it when its centre does; centres on an edge that two
+/// polygons share belong to exactly one of them, as both compute the same crossings. `crossings` has room for `size` of
+/// each row. With `trilinear` the three attributes are places in a hexahedron and the sample is the trilinear
+/// polynomial with these eight coefficients (1, u, v, w, uv, uw, vw, uvw).
+struct Crossing {
+  float x;
+  float value[kMaxAttributes];
+};
+using FillPolygon = void (*)(const FillTarget& target, const FillCorner* corners, int size, int attributes,
+                             const float* trilinear, Crossing* crossings);
+
+/// The transfer function as TransferTable has it: red, green, blue, absorption.
+struct TableView {
+  const float* entries;
+  const float* integrals;
+  float first_value;
+  float entries_per_value;
+  int size;
+};
+
+/// The volume's texels, at least two along each axis.
+struct TexelView {
+  const void* texels;
+  int type;  ///< 0: int16, 1: uint16, 2: float32
+  int dims[3];
+  std::size_t row, slice;  ///< texels from one row to the next, from one slice to the next
+};
+
+/// Pixels of a tile between two runs of planes; arrays of kTilePixels.
+struct PixelState {
+  float* colour[3];  ///< premultiplied
+  float* opacity;
+  float* sample[kMaxSampleParts];  ///< of the last plane that hit, [0] NaN where the ray is outside
+  float* sample_z;                 ///< its depth
+  float* sample_back;              ///< where its slab ends
+  float* depth;                    ///< NaN as long as the threshold was not reached; null when not wanted
+  std::uint16_t* label;            ///< null when not wanted
+};
+
+/// Entries into and exits out of the drawn cells along each ray of a tile, sorted by depth: event `n` of pixel `p` is
+/// at [n * kTilePixels + p]. Behind the last one the depth is infinite.
+struct EventView {
+  const float* z;
+  const float* sample[kMaxSampleParts];
+  const std::uint8_t* entering;
+  int count;  ///< of layers, the last of which is all infinite
+  int* next;  ///< per pixel
+};
+
+struct LabelView {
+  const std::uint16_t* labels;  ///< null for none
+  int dims[3];
+  float per_voxel[3], offset[3];  ///< label index = voxel index * per_voxel + offset, rounded
+};
+
+struct CompositeJob {
+  SampleKind kind;
+  const float* sample[kMaxSampleParts];  ///< of the first plane, as FillTarget; plane n is n * kPlaneSamples further on
+  int planes;
+  const float* z;                      ///< per plane
+  const float* front;                  ///< per plane, where its slab begins
+  const float* back;                   ///< per plane, where its slab ends
+  const std::uint8_t* extra;           ///< per plane
+  const std::uint8_t* occupied;        ///< per plane, 0 where the tile has no samples
+  bool last;                           ///< no plane follows: rays that are inside end
+  int tile_x, tile_y;                  ///< first pixel
+  int begin_x, end_x, begin_y, end_y;  ///< pixels that are wanted, within the tile
+  float cx, cy, slope_x, slope_y;      ///< x and y per metre of depth at a pixel: (x - cx) slope_x; 0: parallel
+  float pixel_x, pixel_y;              ///< pixels per metre at depth 1 (perspective), or at any depth
+  bool perspective;
+  float distance;  ///< of the planes
+  TableView table;
+  TexelView volume;
+  LabelView labels;
+  float shading, specular;
+  float light[3], half_way[3];  ///< unit vectors, camera frame
+  float edge_scale;             ///< 1 / the change of the scalar that counts as a surface
+  float normal_step;            ///< within this distance, metres
+  float depth_threshold;
+  bool jitter;
+  bool cross_section;
+  int clips;
+  float clip[kMaxKernelClips][4];  ///< kept where n . p <= offset, camera frame
+  EventView events;                ///< count 0: half a slab before the first and behind the last plane
+};
+
+/// Takes the samples of a run of planes into the pixels of a tile. Returns the number of segments.
+using CompositeTile = std::size_t (*)(const CompositeJob& job, const PixelState& state);
+
+struct NativeKernel {
+  FillPolygon fill;
+  CompositeTile composite;
+};
+
+const NativeKernel& portableNativeKernel();
+const NativeKernel& avx2NativeKernel();
+/// The faster one that the processor can run; SOFT_VOLUME_KERNEL=portable in the environment forces the other. Both
+/// give the same bits.
+const NativeKernel& bestNativeKernel();
+
+}  // namespace soft_volume::core

@@ -1,0 +1,1011 @@
+// The kernels of the native back end, compiled once for every instruction set: SOFT_VOLUME_KERNEL_SPACE names the
+// namespace. Nothing here may use an inline function of another header: the linker would keep one copy of it, perhaps
+// the one with instructions that the processor lacks.
+
+#include "native_kernel.h"
+
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+namespace soft_volume::core {
+namespace SOFT_VOLUME_KERNEL_SPACE {
+namespace {
+
+#define SOFT_VOLUME_INLINE static inline __attribute__((always_inline))
+
+typedef float Floats __attribute__((vector_size(32)));
+typedef std::int32_t Ints __attribute__((vector_size(32)));
+typedef float Floats4 __attribute__((vector_size(16)));
+
+constexpr float kOpaque = 0.999F;  ///< behind this a pixel takes nothing more: less than a quarter of an 8-bit level
+constexpr float kHuge = 3.402823466e38F;
+
+SOFT_VOLUME_INLINE Floats load(const float* from) {
+  Floats x;
+  __builtin_memcpy(&x, from, sizeof(x));
+  return x;
+}
+SOFT_VOLUME_INLINE void store(float* to, const Floats& x) {
+  __builtin_memcpy(to, &x, sizeof(x));
+}
+SOFT_VOLUME_INLINE Floats all(float x) {
+  return x - Floats{};
+}
+SOFT_VOLUME_INLINE Ints allInts(std::int32_t x) {
+  return x - Ints{};
+}
+SOFT_VOLUME_INLINE Floats lanes() {
+  return Floats{0.0F, 1.0F, 2.0F, 3.0F, 4.0F, 5.0F, 6.0F, 7.0F};
+}
+SOFT_VOLUME_INLINE Floats toFloats(const Ints& x) {
+  return __builtin_convertvector(x, Floats);
+}
+/// Towards zero; x must be within the range of int.
+SOFT_VOLUME_INLINE Ints toInts(const Floats& x) {
+  return __builtin_convertvector(x, Ints);
+}
+SOFT_VOLUME_INLINE Floats select(const Ints& mask, const Floats& a, const Floats& b) {
+  return mask ? a : b;
+}
+SOFT_VOLUME_INLINE Floats smaller(const Floats& a, const Floats& b) {
+  return select(a < b, a, b);
+}
+SOFT_VOLUME_INLINE Floats larger(const Floats& a, const Floats& b) {
+  return select(a > b, a, b);
+}
+/// NaN becomes `low`.
+SOFT_VOLUME_INLINE Floats clamp(const Floats& x, float low, float high) {
+  return smaller(larger(x, all(low)), all(high));
+}
+SOFT_VOLUME_INLINE Ints isNumber(const Floats& x) {
+  return x == x;
+}
+SOFT_VOLUME_INLINE Floats nothing() {
+  return all(__builtin_nanf(""));
+}
+
+#if defined(__AVX__)
+SOFT_VOLUME_INLINE int bitsOf(const Ints& mask) {
+  return _mm256_movemask_ps((__m256)mask);
+}
+SOFT_VOLUME_INLINE Floats squareRoot(const Floats& x) {
+  return (Floats)_mm256_sqrt_ps((__m256)x);
+}
+#elif defined(__SSE2__)
+SOFT_VOLUME_INLINE int bitsOf(const Ints& mask) {
+  __m128 halves[2];
+  __builtin_memcpy(halves, &mask, sizeof(mask));
+  return _mm_movemask_ps(halves[0]) | _mm_movemask_ps(halves[1]) << 4;
+}
+SOFT_VOLUME_INLINE Floats squareRoot(const Floats& x) {
+  __m128 halves[2];
+  __builtin_memcpy(halves, &x, sizeof(x));
+  halves[0] = _mm_sqrt_ps(halves[0]);
+  halves[1] = _mm_sqrt_ps(halves[1]);
+  Floats root;
+  __builtin_memcpy(&root, halves, sizeof(root));
+  return root;
+}
+#else
+SOFT_VOLUME_INLINE int bitsOf(const Ints& mask) {
+  int bits = 0;
+  for (int n = 0; n < kPixelLanes; ++n)
+    bits |= (mask[n] != 0) << n;
+  return bits;
+}
+SOFT_VOLUME_INLINE Floats squareRoot(Floats x) {
+  for (int n = 0; n < kPixelLanes; ++n)
+    x[n] = __builtin_sqrtf(x[n]);
+  return x;
+}
+#endif
+
+SOFT_VOLUME_INLINE bool any(const Ints& mask) {
+  return bitsOf(mask) != 0;
+}
+
+/// 2^x for x <= 0, within 2e-7; below -126 it is 2^-126. The polynomial is summed in pairs, which waits less than
+/// Horner's rule.
+SOFT_VOLUME_INLINE Floats exp2OfNegative(Floats x) {
+  x = larger(x, all(-126.0F));
+  const Ints whole = toInts(x - 0.5F);
+  const Floats f = x - toFloats(whole);
+  const Floats f2 = f * f;
+  const Floats low = (1.0F + 0.69314718F * f) + f2 * (0.24022651F + 5.5504109e-2F * f);
+  const Floats high = (9.6181291e-3F + 1.3333558e-3F * f) + 1.5403530e-4F * f2;
+  const Ints scale = (whole + 127) << 23;
+  Floats power;
+  __builtin_memcpy(&power, &scale, sizeof(power));
+  return (low + (f2 * f2) * high) * power;
+}
+
+// --- Filling polygons
+
+SOFT_VOLUME_INLINE int ceilBetween(float x, int low, int high) {
+  if (!(x > float(low)))
+    return low;
+  if (x >= float(high))
+    return high;
+  const int whole = int(x);
+  return whole + int(float(whole) < x);
+}
+
+SOFT_VOLUME_INLINE Floats trilinearAt(const float* c, const Floats& u, const Floats& v, const Floats& w) {
+  const Floats low = c[0] + u * c[1] + v * (c[2] + u * c[4]);
+  const Floats high = c[3] + u * c[5] + v * (c[6] + u * c[7]);
+  return low + w * high;
+}
+
+/// The pixels between two crossings of a row. Values are computed from the crossing, not from where the tile begins.
+template <int attributes, bool trilinear>
+SOFT_VOLUME_INLINE void fillSpan(const FillTarget& target, int y, const Crossing& left, const Crossing& right,
+                                 const float* coefficients) {
+  const int begin = ceilBetween(left.x, target.begin_x, target.end_x);
+  const int end = ceilBetween(right.x, target.begin_x, target.end_x);
+  if (begin >= end)
+    return;
+  const float per_pixel = 1.0F / (right.x - left.x);
+  float slope[attributes];
+  for (int n = 0; n < attributes; ++n)
+    slope[n] = (right.value[n] - left.value[n]) * per_pixel;
+  const std::size_t row = std::size_t(y - target.first_y) * kSampleStride;
+  for (int x = begin; x < end; x += kPixelLanes) {
+    const Floats way = (float(x) + lanes()) - left.x;
+    Floats value[attributes];
+    for (int n = 0; n < attributes; ++n)
+      value[n] = left.value[n] + way * slope[n];
+    if (trilinear)
+      value[0] = trilinearAt(coefficients, value[0], value[attributes > 1 ? 1 : 0], value[attributes > 2 ? 2 : 0]);
+    const std::size_t at = row + std::size_t(x - target.first_x);
+    const Ints inside = lanes() < all(float(end - x));
+    for (int n = 0; n < (trilinear ? 1 : attributes); ++n) {
+      float* sample = target.sample[n] + at;
+      store(sample, select(inside, value[n], load(sample)));
+    }
+  }
+}
+
+SOFT_VOLUME_INLINE void sortCrossings(Crossing* crossings, int count) {
+  for (int i = 1; i < count; ++i) {
+    const Crossing crossing = crossings[i];
+    int at = i;
+    for (; at > 0 && crossings[at - 1].x > crossing.x; --at)
+      crossings[at] = crossings[at - 1];
+    crossings[at] = crossing;
+  }
+}
+
+/// From its lower to its higher end, whichever polygon it belongs to.
+template <int attributes>
+SOFT_VOLUME_INLINE void crossRows(const FillCorner& from, const FillCorner& to, int begin_y, int end_y, int size,
+                                  Crossing* crossings, std::uint16_t* counts) {
+  const FillCorner& low = from.y < to.y ? from : to;
+  const FillCorner& high = from.y < to.y ? to : from;
+  const int begin = ceilBetween(low.y, begin_y, end_y);
+  const int end = ceilBetween(high.y, begin_y, end_y);
+  if (begin >= end)
+    return;
+  const float per_row = 1.0F / (high.y - low.y);
+  const float slope_x = (high.x - low.x) * per_row;
+  float slope[attributes];
+  for (int n = 0; n < attributes; ++n)
+    slope[n] = (high.value[n] - low.value[n]) * per_row;
+  for (int y = begin; y < end; ++y) {
+    const int row = y - begin_y;
+    const float way = float(y) - low.y;
+    Crossing& crossing = crossings[row * size + counts[row]++];
+    crossing.x = low.x + way * slope_x;
+    for (int n = 0; n < attributes; ++n)
+      crossing.value[n] = low.value[n] + way * slope[n];
+  }
+}
+
+template <int attributes, bool trilinear>
+void fillPolygon(const FillTarget& target, const FillCorner* corners, int size, const float* coefficients,
+                 Crossing* crossings) {
+  float low = corners[0].y;
+  float high = corners[0].y;
+  for (int i = 1; i < size; ++i) {
+    low = corners[i].y < low ? corners[i].y : low;
+    high = corners[i].y > high ? corners[i].y : high;
+  }
+  const int begin = ceilBetween(low, target.begin_y, target.end_y);
+  const int end = ceilBetween(high, target.begin_y, target.end_y);
+  std::uint16_t counts[kSampleRows];
+  for (int row = 0; row < end - begin; ++row)
+    counts[row] = 0;
+  for (int i = 0, before = size - 1; i < size; before = i++)
+    crossRows<attributes>(corners[before], corners[i], begin, end, size, crossings, counts);
+  for (int y = begin; y < end; ++y) {
+    Crossing* row = crossings + (y - begin) * size;
+    const int count = counts[y - begin];
+    sortCrossings(row, count);
+    for (int n = 0; n + 1 < count; n += 2)
+      fillSpan<attributes, trilinear>(target, y, row[n], row[n + 1], coefficients);
+  }
+}
+
+void fill(const FillTarget& target, const FillCorner* corners, int size, int attributes, const float* trilinear,
+          Crossing* crossings) {
+  if (trilinear != nullptr)
+    return fillPolygon<3, true>(target, corners, size, trilinear, crossings);
+  switch (attributes) {
+    case 1:
+      return fillPolygon<1, false>(target, corners, size, nullptr, crossings);
+    case 2:
+      return fillPolygon<2, false>(target, corners, size, nullptr, crossings);
+    case 3:
+      return fillPolygon<3, false>(target, corners, size, nullptr, crossings);
+    case 4:
+      return fillPolygon<4, false>(target, corners, size, nullptr, crossings);
+    default:
+      return fillPolygon<5, false>(target, corners, size, nullptr, crossings);
+  }
+}
+
+// --- Compositing
+
+/// Red, green, blue, absorption.
+struct Entry {
+  Floats c[4];
+};
+
+SOFT_VOLUME_INLINE Floats4 load4(const float* from) {
+  Floats4 x;
+  __builtin_memcpy(&x, from, sizeof(x));
+  return x;
+}
+
+SOFT_VOLUME_INLINE Floats join(const Floats4& low, const Floats4& high) {
+  return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+/// Eight entries of four floats, turned to four vectors.
+SOFT_VOLUME_INLINE Entry lookUp(const float* table, const Ints& index) {
+  const Ints place = index * 4;
+  std::int32_t places[kPixelLanes];
+  __builtin_memcpy(places, &place, sizeof(places));
+  Floats rows[4];
+  for (int n = 0; n < 4; ++n)
+    rows[n] = join(load4(table + places[n]), load4(table + places[n + 4]));
+  const Floats a = __builtin_shufflevector(rows[0], rows[1], 0, 8, 1, 9, 4, 12, 5, 13);
+  const Floats b = __builtin_shufflevector(rows[2], rows[3], 0, 8, 1, 9, 4, 12, 5, 13);
+  const Floats c = __builtin_shufflevector(rows[0], rows[1], 2, 10, 3, 11, 6, 14, 7, 15);
+  const Floats d = __builtin_shufflevector(rows[2], rows[3], 2, 10, 3, 11, 6, 14, 7, 15);
+  return {{__builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13),
+           __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15),
+           __builtin_shufflevector(c, d, 0, 1, 8, 9, 4, 5, 12, 13),
+           __builtin_shufflevector(c, d, 2, 3, 10, 11, 6, 7, 14, 15)}};
+}
+
+SOFT_VOLUME_INLINE Ints entryOf(const TableView& table, const Floats& value) {
+  return toInts(clamp((value - table.first_value) * table.entries_per_value, 0.0F, float(table.size - 1)) + 0.5F);
+}
+
+template <typename Texel>
+SOFT_VOLUME_INLINE Floats trilinearTexels(const TexelView& volume, const Ints& x, const Ints& y, const Ints& z,
+                                          const Floats& fx, const Floats& fy, const Floats& fz, int wanted) {
+  const Texel* texels = static_cast<const Texel*>(volume.texels);
+  Floats corner[8] = {};
+  for (int n = 0; n < kPixelLanes; ++n) {
+    if ((wanted >> n & 1) == 0)
+      continue;
+    const Texel* at = texels + std::size_t(x[n]) + std::size_t(y[n]) * volume.row + std::size_t(z[n]) * volume.slice;
+    const Texel* behind = at + volume.slice;
+    corner[0][n] = float(at[0]);
+    corner[1][n] = float(at[1]);
+    corner[2][n] = float(at[volume.row]);
+    corner[3][n] = float(at[volume.row + 1]);
+    corner[4][n] = float(behind[0]);
+    corner[5][n] = float(behind[1]);
+    corner[6][n] = float(behind[volume.row]);
+    corner[7][n] = float(behind[volume.row + 1]);
+  }
+  for (int n = 0; n < 8; n += 2)
+    corner[n] = corner[n] + fx * (corner[n + 1] - corner[n]);
+  const Floats front = corner[0] + fy * (corner[2] - corner[0]);
+  const Floats back = corner[4] + fy * (corner[6] - corner[4]);
+  return front + fz * (back - front);
+}
+
+struct Place {
+  Floats x, y, z;
+};
+
+/// The scalar at a place given in voxels, clamped to the volume; lanes that are not wanted get anything.
+SOFT_VOLUME_INLINE Floats fetch(const TexelView& volume, const Place& place, int wanted) {
+  const Floats px = clamp(place.x, 0.0F, float(volume.dims[0] - 1));
+  const Floats py = clamp(place.y, 0.0F, float(volume.dims[1] - 1));
+  const Floats pz = clamp(place.z, 0.0F, float(volume.dims[2] - 1));
+  const Ints x = toInts(smaller(px, all(float(volume.dims[0] - 2))));
+  const Ints y = toInts(smaller(py, all(float(volume.dims[1] - 2))));
+  const Ints z = toInts(smaller(pz, all(float(volume.dims[2] - 2))));
+  const Floats fx = px - toFloats(x);
+  const Floats fy = py - toFloats(y);
+  const Floats fz = pz - toFloats(z);
+  Floats value;
+  if (volume.type == 0)
+    value = trilinearTexels<std::int16_t>(volume, x, y, z, fx, fy, fz, wanted);
+  else if (volume.type == 1)
+    value = trilinearTexels<std::uint16_t>(volume, x, y, z, fx, fy, fz, wanted);
+  else
+    value = trilinearTexels<float>(volume, x, y, z, fx, fy, fz, wanted);
+  return value;
+}
+
+/// A sample of eight rays. Only what its kind needs is set.
+struct Sample {
+  Floats value;    ///< the scalar, or the absorption; NaN where there is none
+  Floats more[3];  ///< where it lies, or what colour it has
+  Ints entry;      ///< of the transfer function
+  Entry sum;       ///< the transfer function's integral up to there
+};
+
+/// As the compiler copies a Sample with string instructions, which takes longer than all the rest of a plane.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE void copySample(Sample& to, const Sample& from) {
+  to.value = from.value;
+  for (int n = 0; n < 3 && kind != SampleKind::kScalar; ++n)
+    to.more[n] = from.more[n];
+  if (kind == SampleKind::kColour)
+    return;
+  to.entry = from.entry;
+  for (int n = 0; n < 4; ++n)
+    to.sum.c[n] = from.sum.c[n];
+}
+
+/// What the eight rays have gathered.
+struct Rays {
+  Floats colour[3];
+  Floats opacity;
+  Sample sample;  ///< value NaN where the ray is outside
+  Floats z, back;
+  Floats depth;
+  Floats way_per_z;
+  Floats slope_x, slope_y;
+  Floats clip_front, clip_back;
+  int pixel;  ///< in the tile
+};
+
+/// A stretch of eight rays between two samples.
+struct Segment {
+  Ints mask;
+  Sample from, to;
+  Floats front, back;  ///< depths
+};
+
+SOFT_VOLUME_INLINE Floats between(const Floats& a, const Floats& b, const Floats& t) {
+  return a + t * (b - a);
+}
+/// Looks the scalar up; nothing to be done for colours.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE void classify(const TableView& table, Sample& sample) {
+  if (kind == SampleKind::kColour)
+    return;
+  sample.entry = entryOf(table, sample.value);
+  sample.sum = lookUp(table.integrals, sample.entry);
+}
+template <SampleKind kind>
+SOFT_VOLUME_INLINE void selectSample(const Ints& mask, const Sample& a, const Sample& b, Sample& s) {
+  s.value = select(mask, a.value, b.value);
+  for (int n = 0; n < 3 && kind != SampleKind::kScalar; ++n)
+    s.more[n] = select(mask, a.more[n], b.more[n]);
+  if (kind == SampleKind::kColour)
+    return;
+  s.entry = mask ? a.entry : b.entry;
+  for (int n = 0; n < 4; ++n)
+    s.sum.c[n] = select(mask, a.sum.c[n], b.sum.c[n]);
+}
+/// The sample of a volume is looked up anew, those of grids go linearly from one to the other.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE void sampleBetween(const CompositeJob& job, const Sample& a, const Sample& b, const Floats& t,
+                                      int wanted, Sample& s) {
+  for (int n = 0; n < 3 && kind != SampleKind::kScalar; ++n)
+    s.more[n] = between(a.more[n], b.more[n], t);
+  if (kind == SampleKind::kTexture)
+    s.value = fetch(job.volume, {s.more[0], s.more[1], s.more[2]}, wanted);
+  else
+    s.value = between(a.value, b.value, t);
+  classify<kind>(job.table, s);
+}
+
+/// The mean over the entries that lie between two (their difference of the integrals), or the entry itself. The colour
+/// is multiplied by what `colour_scale` becomes.
+struct Mean {
+  Floats sum[4];
+  Floats absorption;    ///< halvings per metre
+  Floats colour_scale;  ///< colour n is sum[n] * colour_scale
+};
+
+SOFT_VOLUME_INLINE Mean meanBetween(const TableView& table, const Sample& from, const Sample& to, const Ints& mask) {
+  const Ints same = from.entry == to.entry;
+  Mean mean;
+  for (int n = 0; n < 4; ++n)
+    mean.sum[n] = to.sum.c[n] - from.sum.c[n];
+  const Floats count = select(same, all(1.0F), toFloats(to.entry - from.entry));
+  if (any(same & mask)) {
+    const Entry entry = lookUp(table.entries, to.entry);
+    for (int n = 0; n < 3; ++n)
+      mean.sum[n] = select(same, entry.c[n] * entry.c[3], mean.sum[n]);
+    mean.sum[3] = select(same, entry.c[3], mean.sum[3]);
+  }
+  // One division for both quotients; the sums and the count have the same sign.
+  const Floats total = select(mean.sum[3] != 0.0F, mean.sum[3], all(1.0F));
+  const Floats inverse = 1.0F / (total * count);
+  mean.absorption = mean.sum[3] * inverse * total;
+  mean.colour_scale = inverse * count;
+  return mean;
+}
+
+SOFT_VOLUME_INLINE Mean meanOfColours(const Sample& from, const Sample& to) {
+  Mean mean;
+  mean.absorption = 0.5F * (from.value + to.value);
+  mean.colour_scale = 0.5F / select(mean.absorption > 0.0F, mean.absorption, all(1.0F));
+  for (int n = 0; n < 3; ++n)
+    mean.sum[n] = from.more[n] + to.more[n];
+  return mean;
+}
+
+template <SampleKind kind>
+SOFT_VOLUME_INLINE Mean meanOf(const CompositeJob& job, const Segment& segment) {
+  return kind == SampleKind::kColour ? meanOfColours(segment.from, segment.to)
+                                     : meanBetween(job.table, segment.from, segment.to, segment.mask);
+}
+
+SOFT_VOLUME_INLINE void setDepth(const CompositeJob& job, const PixelState& state, Rays& rays, const Segment& segment,
+                                 const Floats& before, const Floats& after, const Floats& halvings) {
+  const int bits = bitsOf(segment.mask & (before < job.depth_threshold) & (after >= job.depth_threshold));
+  if (bits == 0)
+    return;
+  for (int n = 0; n < kPixelLanes; ++n) {
+    if ((bits >> n & 1) == 0)
+      continue;
+    float part = __builtin_log2f((1.0F - before[n]) / (1.0F - job.depth_threshold)) / halvings[n];
+    part = part > 0.0F ? (part < 1.0F ? part : 1.0F) : 0.0F;
+    rays.depth[n] = segment.front[n] + part * (segment.back[n] - segment.front[n]);
+    if (state.label == nullptr || job.labels.labels == nullptr)
+      continue;
+    std::size_t index = 0;
+    std::size_t stride = 1;
+    for (int axis = 0; axis < 3; ++axis) {
+      const float from = segment.from.more[axis][n];
+      const float voxel = from + part * (segment.to.more[axis][n] - from);
+      const float place = voxel * job.labels.per_voxel[axis] + job.labels.offset[axis] + 0.5F;
+      const float highest = float(job.labels.dims[axis] - 1);
+      index += stride * std::size_t(place > 0.0F ? (place < highest ? place : highest) : 0.0F);
+      stride *= std::size_t(job.labels.dims[axis]);
+    }
+    state.label[rays.pixel + n] = job.labels.labels[index];
+  }
+}
+
+/// How a surface is lit, for all colours alike.
+struct Lighting {
+  Floats brightness, highlight;
+};
+
+/// Adds a stretch of one material to the rays: emission and absorption, front to back.
+template <bool shaded>
+SOFT_VOLUME_INLINE void addMean(const CompositeJob& job, const PixelState& state, Rays& rays, const Segment& segment,
+                                const Mean& mean, const Floats& halvings, const Lighting& lighting) {
+  Floats opacity = 1.0F - exp2OfNegative(-halvings);
+  opacity = select(segment.mask, opacity, all(0.0F));
+  const Floats share = (1.0F - rays.opacity) * opacity;
+  for (int n = 0; n < 3; ++n) {
+    if (shaded) {
+      const Floats lit = mean.sum[n] * mean.colour_scale * lighting.brightness + lighting.highlight;
+      rays.colour[n] += share * smaller(lit, all(1.0F));
+    } else {
+      rays.colour[n] += share * mean.colour_scale * mean.sum[n];
+    }
+  }
+  const Floats after = rays.opacity + share;
+  if (state.depth != nullptr)
+    setDepth(job, state, rays, segment, rays.opacity, after, halvings);
+  rays.opacity = after;
+}
+
+SOFT_VOLUME_INLINE Floats halvingsOf(const Rays& rays, const Segment& segment, const Floats& absorption) {
+  return absorption * (segment.back - segment.front) * rays.way_per_z;
+}
+
+/// A value that changes across many entries is integrated in parts, front to back, where the parts hide each other or,
+/// for a volume, where the way between two places is too long to be taken as linear.
+constexpr int kParts = 4;
+constexpr int kHidingEntries = 8;
+constexpr float kHidingHalvings = 0.4F;
+/// Part of the table that a volume's scalar may cross between two samples.
+constexpr int kTextureEntriesShare = 40;
+
+template <SampleKind kind, bool shaded>
+__attribute__((noinline)) void addParts(const CompositeJob& job, const PixelState& state, Rays& rays,
+                                        const Segment& segment, const Lighting& lighting) {
+  Segment part;
+  copySample<kind>(part.from, segment.from);
+  part.front = segment.front;
+  const int wanted = bitsOf(segment.mask);
+  for (int n = 1; n <= kParts; ++n) {
+    const Floats t = all(float(n) / float(kParts));
+    if (n < kParts)
+      sampleBetween<kind>(job, segment.from, segment.to, t, wanted, part.to);
+    else
+      copySample<kind>(part.to, segment.to);
+    part.back = n < kParts ? between(segment.front, segment.back, t) : segment.back;
+    part.mask = segment.mask & isNumber(part.to.value) & isNumber(part.from.value);
+    const Mean mean = meanOf<kind>(job, part);
+    addMean<shaded>(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption), lighting);
+    copySample<kind>(part.from, part.to);
+    part.front = part.back;
+  }
+}
+
+// Light.
+
+struct Gradient {
+  Floats x, y, z;
+};
+
+/// Central difference of two neighbours that may be missing.
+SOFT_VOLUME_INLINE Floats difference(const Floats& low, const Floats& middle, const Floats& high) {
+  const Ints has_low = isNumber(low);
+  const Ints has_high = isNumber(high);
+  const Floats both = 0.5F * (high - low);
+  return select(has_low, select(has_high, both, middle - low), select(has_high, high - middle, all(0.0F)));
+}
+
+/// Change of the sample per pixel to the right and downwards in plane `plane`.
+SOFT_VOLUME_INLINE void pixelDifferences(const float* sample, int at, Floats& right, Floats& down) {
+  const Floats middle = load(sample + at);
+  right = difference(load(sample + at - 1), middle, load(sample + at + 1));
+  down = difference(load(sample + at - kSampleStride), middle, load(sample + at + kSampleStride));
+}
+
+/// Gradient of the scalar in the camera frame around the sample of plane `plane`: across the ray from what the
+/// neighbouring pixels saw, along it from the two ends of the segment.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE Gradient gradientAt(const CompositeJob& job, const Rays& rays, const Segment& segment, int plane,
+                                       int at, const Floats& along, int wanted) {
+  const float scale_x = job.perspective ? job.pixel_x / job.z[plane] : job.pixel_x;
+  const float scale_y = job.perspective ? job.pixel_y / job.z[plane] : job.pixel_y;
+  const std::size_t offset = std::size_t(plane) * kPlaneSamples;
+  Floats across_x;
+  Floats across_y;
+  if (kind == SampleKind::kTexture) {
+    // Where a step of normal_step to the right and downwards leads in the volume.
+    Floats right[3];
+    Floats down[3];
+    for (int n = 0; n < 3; ++n) {
+      pixelDifferences(job.sample[n] + offset, at, right[n], down[n]);
+      right[n] = right[n] * (scale_x * job.normal_step);
+      down[n] = down[n] * (scale_y * job.normal_step);
+    }
+    const Sample& centre = segment.to;
+    Floats side[3];
+    for (int n = 0; n < 3; ++n) {
+      const float across = n == 0 ? 1.0F : -0.5F;
+      const float below = n == 0 ? 0.0F : (n == 1 ? 0.8660254F : -0.8660254F);
+      const Place place = {centre.more[0] + across * right[0] + below * down[0],
+                           centre.more[1] + across * right[1] + below * down[1],
+                           centre.more[2] + across * right[2] + below * down[2]};
+      side[n] = fetch(job.volume, place, wanted);
+    }
+    const float per_step = 1.0F / (1.5F * job.normal_step);
+    across_x = (side[0] - 0.5F * (side[1] + side[2])) * per_step;
+    across_y = 0.8660254F * (side[1] - side[2]) * per_step;
+  } else {
+    Floats right;
+    Floats down;
+    pixelDifferences(job.sample[0] + offset, at, right, down);
+    across_x = right * scale_x;
+    across_y = down * scale_y;
+  }
+  return {across_x, across_y, along - rays.slope_x * across_x - rays.slope_y * across_y};
+}
+
+/// Light on the surface that the gradient makes, from either side; where the gradient is weak there is no surface, only
+/// a mean brightness.
+SOFT_VOLUME_INLINE Lighting lightOn(const CompositeJob& job, const Gradient& g) {
+  const Floats square = g.x * g.x + g.y * g.y + g.z * g.z;
+  const Ints usable = (square > 1e-30F) & (square < kHuge);
+  const Floats length = squareRoot(select(usable, square, all(1.0F)));
+  const Floats towards = (g.x * job.light[0] + g.y * job.light[1] + g.z * job.light[2]) / length;
+  const Floats diffuse = select(towards < 0.0F, -towards, towards);
+  Floats shine = (g.x * job.half_way[0] + g.y * job.half_way[1] + g.z * job.half_way[2]) / length;
+  shine = shine * shine;  // from either side
+  for (int n = 0; n < 4; ++n)
+    shine = shine * shine;  // the 32nd power
+  const Floats surface = select(usable, smaller(length * (job.normal_step * job.edge_scale), all(1.0F)), all(0.0F));
+  const Floats lit = 0.7F + surface * (0.9F * diffuse - 0.5F);
+  return {1.0F + job.shading * (lit - 1.0F), job.shading * job.specular * surface * shine};
+}
+
+/// Shortens a segment to what the clip planes leave of it.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE void clipSegment(const CompositeJob& job, const Rays& rays, Segment& segment) {
+  const Floats length = segment.back - segment.front;
+  const Floats front = larger(segment.front, rays.clip_front);
+  const Floats back = smaller(segment.back, rays.clip_back);
+  segment.mask &= back > front;
+  const int wanted = bitsOf(segment.mask & ((front > segment.front) | (back < segment.back)));
+  if (wanted == 0)
+    return;
+  const Floats inverse = 1.0F / select(length > 0.0F, length, all(1.0F));
+  Sample from;
+  Sample to;
+  sampleBetween<kind>(job, segment.from, segment.to, (front - segment.front) * inverse, wanted, from);
+  sampleBetween<kind>(job, segment.from, segment.to, (back - segment.front) * inverse, wanted, to);
+  selectSample<kind>(front > segment.front, from, segment.from, segment.from);
+  selectSample<kind>(back < segment.back, to, segment.to, segment.to);
+  segment.front = front;
+  segment.back = back;
+}
+
+/// Where the integral has to be made in parts.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE Ints needsParts(const CompositeJob& job, const Segment& segment, const Mean& mean,
+                                   const Floats& halvings) {
+  if (kind == SampleKind::kColour)
+    return Ints{};
+  const Ints difference = segment.to.entry - segment.from.entry;
+  const Ints crossed = difference < 0 ? -difference : difference;
+  if (kind == SampleKind::kScalar)
+    return (crossed > kHidingEntries) & (halvings > kHidingHalvings);
+  // A transparent mean may hide a peak between two samples of the volume, so it is looked at more closely as well.
+  return (crossed > job.table.size / kTextureEntriesShare) &
+         ((mean.absorption > 0.0F) | (crossed > job.table.size / 4));
+}
+
+/// Integrates the transfer function over a segment into the rays.
+template <SampleKind kind, bool shaded>
+SOFT_VOLUME_INLINE void addSegment(const CompositeJob& job, const PixelState& state, Rays& rays, Segment& segment,
+                                   int plane, int at) {
+  segment.mask &= (rays.opacity < kOpaque) & (segment.back > segment.front);
+  if (job.clips > 0)
+    clipSegment<kind>(job, rays, segment);
+  if (!any(segment.mask))
+    return;
+  const Mean mean = meanOf<kind>(job, segment);
+  const Floats halvings = halvingsOf(rays, segment, mean.absorption);
+  const Ints in_parts = needsParts<kind>(job, segment, mean, halvings) & segment.mask;
+  segment.mask &= mean.absorption > 0.0F;
+  if (!any(segment.mask | in_parts))
+    return;
+  Lighting lighting;
+  if (shaded) {
+    const Floats along = (segment.to.value - segment.from.value) / (segment.back - segment.front);
+    lighting = lightOn(job, gradientAt<kind>(job, rays, segment, plane, at, along, bitsOf(segment.mask | in_parts)));
+  }
+  segment.mask &= ~in_parts;
+  if (any(segment.mask))
+    addMean<shaded>(job, state, rays, segment, mean, halvings, lighting);
+  segment.mask = in_parts;
+  if (any(in_parts))
+    addParts<kind, shaded>(job, state, rays, segment, lighting);
+}
+
+/// jitterAt() of light.h for eight pixels, from 0 on.
+SOFT_VOLUME_INLINE Floats jitterOf(int x, int y) {
+  Floats noise;
+  for (int n = 0; n < kPixelLanes; ++n) {
+    const std::uint32_t inner = std::uint32_t(x + n) * 288237660U + std::uint32_t(y) * 25070368U;
+    const std::uint32_t outer = inner * 52U + (inner >> 16) * 64417U;
+    noise[n] = float(outer >> 8) * (1.0F / 16777216.0F);
+  }
+  return noise;
+}
+
+template <SampleKind kind>
+SOFT_VOLUME_INLINE Sample readSample(const CompositeJob& job, int plane, int at, const Ints& alive) {
+  const std::size_t place = std::size_t(plane) * kPlaneSamples + std::size_t(at);
+  Sample sample;
+  const Floats first = load(job.sample[0] + place);
+  if (kind == SampleKind::kScalar) {
+    sample.value = first;
+    return sample;
+  }
+  sample.more[0] = first;
+  sample.more[1] = load(job.sample[1] + place);
+  sample.more[2] = load(job.sample[2] + place);
+  if (kind == SampleKind::kColour) {
+    sample.value = load(job.sample[3] + place);
+    return sample;
+  }
+  const Ints hit = isNumber(first);
+  const int wanted = bitsOf(alive & hit);
+  sample.value = nothing();
+  if (wanted != 0)
+    sample.value = select(hit, fetch(job.volume, {sample.more[0], sample.more[1], sample.more[2]}, wanted), nothing());
+  return sample;
+}
+
+/// The part of the rays that no clip plane cuts away.
+SOFT_VOLUME_INLINE void clipRays(const CompositeJob& job, Rays& rays, int x, int y) {
+  rays.clip_front = all(-kHuge);
+  rays.clip_back = all(kHuge);
+  const Floats across = job.perspective ? all(0.0F) : (float(x) + lanes() - job.cx) / job.pixel_x;
+  const float below = job.perspective ? 0.0F : (float(y) - job.cy) / job.pixel_y;
+  for (int n = 0; n < job.clips; ++n) {
+    const float* plane = job.clip[n];
+    // n . (across + slope_x z, below + slope_y z, z) <= offset
+    const Floats rate = plane[0] * rays.slope_x + plane[1] * rays.slope_y + plane[2];
+    const Floats rest = plane[3] - plane[0] * across - plane[1] * below;
+    const Floats z = rest / rate;
+    rays.clip_back = select(rate > 0.0F, smaller(rays.clip_back, z), rays.clip_back);
+    rays.clip_front = select(rate < 0.0F, larger(rays.clip_front, z), rays.clip_front);
+    rays.clip_back = select((rate == 0.0F) & (rest < 0.0F), all(-kHuge), rays.clip_back);
+  }
+}
+
+/// Depth of the first event of the eight rays that is still to come.
+SOFT_VOLUME_INLINE float nextEvent(const CompositeJob& job, const Rays& rays) {
+  float first = kHuge;
+  for (int n = 0; n < kPixelLanes && job.events.count > 0; ++n) {
+    const std::size_t pixel = std::size_t(rays.pixel + n);
+    const float z = job.events.z[std::size_t(job.events.next[pixel]) * kTilePixels + pixel];
+    first = z < first ? z : first;
+  }
+  return first;
+}
+
+/// Takes the rays through the entries and exits before depth z.
+template <SampleKind kind, bool shaded>
+__attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const PixelState& state, Rays& rays, float z,
+                                                 int plane, int at) {
+  const EventView& events = job.events;
+  std::size_t segments = 0;
+  for (;;) {
+    Floats event_z;
+    for (int n = 0; n < kPixelLanes; ++n)
+      event_z[n] = events.z[std::size_t(events.next[rays.pixel + n]) * kTilePixels + std::size_t(rays.pixel + n)];
+    const Ints reached = event_z <= all(z);
+    const int bits = bitsOf(reached);
+    if (bits == 0)
+      return segments;
+    Sample sample{};
+    Ints entering{};
+    for (int n = 0; n < kPixelLanes; ++n) {
+      if ((bits >> n & 1) == 0)
+        continue;
+      const std::size_t place = std::size_t(events.next[rays.pixel + n]++) * kTilePixels + std::size_t(rays.pixel + n);
+      entering[n] = events.entering[place] != 0 ? -1 : 0;
+      if (kind == SampleKind::kScalar) {
+        sample.value[n] = events.sample[0][place];
+      } else {
+        for (int axis = 0; axis < 3; ++axis)
+          sample.more[axis][n] = events.sample[axis][place];
+        if (kind == SampleKind::kColour)
+          sample.value[n] = events.sample[3][place];
+      }
+    }
+    if (kind == SampleKind::kTexture)
+      sample.value = fetch(job.volume, {sample.more[0], sample.more[1], sample.more[2]}, bits);
+    classify<kind>(job.table, sample);
+    Segment segment;
+    segment.mask = reached & ~entering & isNumber(rays.sample.value);
+    copySample<kind>(segment.from, rays.sample);
+    copySample<kind>(segment.to, sample);
+    segment.front = rays.z;
+    segment.back = event_z;
+    segments += std::size_t(__builtin_popcount(unsigned(bitsOf(segment.mask))));
+    addSegment<kind, shaded>(job, state, rays, segment, plane, at);
+    const Ints enters = reached & entering;
+    selectSample<kind>(enters, sample, rays.sample, rays.sample);
+    rays.sample.value = select(reached & ~entering, nothing(), rays.sample.value);
+    rays.z = select(enters, event_z, rays.z);
+    rays.back = select(enters, event_z, rays.back);
+  }
+}
+
+/// A ray ends half a slab behind the last plane that hit.
+template <SampleKind kind, bool shaded>
+__attribute__((noinline)) void leave(const CompositeJob& job, const PixelState& state, Rays& rays, const Ints& leaving,
+                                     int plane, int at) {
+  Segment segment;
+  segment.mask = leaving;
+  copySample<kind>(segment.from, rays.sample);
+  copySample<kind>(segment.to, rays.sample);
+  segment.front = rays.z;
+  segment.back = rays.back;
+  addSegment<kind, shaded>(job, state, rays, segment, plane, at);
+  rays.sample.value = select(leaving, nothing(), rays.sample.value);
+}
+
+template <SampleKind kind, bool shaded>
+__attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const PixelState& state, Rays& rays, int plane,
+                                                int at, const Floats& jitter) {
+  const bool extra = job.extra[plane] != 0;
+  const Ints inside = isNumber(rays.sample.value);
+  if (job.occupied[plane] == 0) {
+    if (!extra && any(inside))
+      leave<kind, shaded>(job, state, rays, inside, plane, at);
+    return 0;
+  }
+  Sample sample = readSample<kind>(job, plane, at, rays.opacity < kOpaque);
+  const Ints hit = isNumber(sample.value);
+  const Ints leaving = inside & ~hit;
+  if (!extra && any(leaving))
+    leave<kind, shaded>(job, state, rays, leaving, plane, at);
+  const int hits = bitsOf(hit);
+  if (hits == 0)
+    return 0;
+  classify<kind>(job.table, sample);
+  Segment segment;
+  segment.mask = hit;
+  selectSample<kind>(inside, rays.sample, sample, segment.from);
+  copySample<kind>(segment.to, sample);
+  segment.front = select(inside, rays.z, all(job.front[plane]));
+  segment.back = all(job.z[plane]);
+  if (job.jitter && !extra) {
+    // The sample moves back towards the one before; its slab moves with it.
+    const Ints moves = hit & inside;
+    Sample moved;
+    sampleBetween<kind>(job, segment.from, segment.to, jitter, bitsOf(moves), moved);
+    selectSample<kind>(moves, moved, segment.to, segment.to);
+    segment.back = select(moves, between(segment.front, segment.back, jitter), segment.back);
+  }
+  selectSample<kind>(hit, segment.to, rays.sample, rays.sample);
+  rays.z = select(hit, segment.back, rays.z);
+  rays.back = select(hit, all(job.back[plane]), rays.back);
+  addSegment<kind, shaded>(job, state, rays, segment, plane, at);
+  return std::size_t(__builtin_popcount(unsigned(hits)));
+}
+
+/// passPlane() where nothing special happens: all eight rays are inside before and behind, and nothing but the colours
+/// of scalars is asked for. Most planes of most pixels are of this kind. False, with nothing done, for all others.
+SOFT_VOLUME_INLINE bool passPlainPlane(const CompositeJob& job, const PixelState& state, Rays& rays, int plane,
+                                       int at) {
+  Sample sample;
+  sample.value = load(job.sample[0] + std::size_t(plane) * kPlaneSamples + std::size_t(at));
+  const Ints everywhere = isNumber(sample.value) & isNumber(rays.sample.value) & (rays.opacity < kOpaque);
+  if (bitsOf(everywhere) != (1 << kPixelLanes) - 1)
+    return false;
+  classify<SampleKind::kScalar>(job.table, sample);
+  const Mean mean = meanBetween(job.table, rays.sample, sample, everywhere);
+  const Floats halvings = mean.absorption * (job.z[plane] - rays.z) * rays.way_per_z;
+  const Ints crossed = sample.entry - rays.sample.entry;
+  if (any(((crossed > kHidingEntries) | (crossed < -kHidingEntries)) & (halvings > kHidingHalvings)))
+    return false;
+  if (any(mean.absorption > 0.0F)) {
+    Segment segment;
+    segment.mask = everywhere;
+    addMean<false>(job, state, rays, segment, mean, halvings, Lighting{});
+  }
+  copySample<SampleKind::kScalar>(rays.sample, sample);
+  rays.z = all(job.z[plane]);
+  rays.back = all(job.back[plane]);
+  return true;
+}
+
+SOFT_VOLUME_INLINE Rays loadRays(const CompositeJob& job, const PixelState& state, int x, int y) {
+  Rays rays;
+  rays.pixel = (y - job.tile_y) * kTileWidth + (x - job.tile_x);
+  for (int n = 0; n < 3; ++n)
+    rays.colour[n] = load(state.colour[n] + rays.pixel);
+  rays.opacity = load(state.opacity + rays.pixel);
+  if (job.kind == SampleKind::kScalar) {
+    rays.sample.value = load(state.sample[0] + rays.pixel);
+  } else {
+    for (int n = 0; n < 3; ++n)
+      rays.sample.more[n] = load(state.sample[n] + rays.pixel);
+    rays.sample.value = load(state.sample[3] + rays.pixel);
+  }
+  rays.z = load(state.sample_z + rays.pixel);
+  rays.back = load(state.sample_back + rays.pixel);
+  if (state.depth != nullptr)
+    rays.depth = load(state.depth + rays.pixel);
+  rays.slope_x = (float(x) + lanes() - job.cx) * job.slope_x;
+  rays.slope_y = all((float(y) - job.cy) * job.slope_y);
+  rays.way_per_z = squareRoot(1.0F + rays.slope_x * rays.slope_x + rays.slope_y * rays.slope_y);
+  if (job.clips > 0)
+    clipRays(job, rays, x, y);
+  return rays;
+}
+
+SOFT_VOLUME_INLINE void storeRays(const CompositeJob& job, const PixelState& state, const Rays& rays) {
+  for (int n = 0; n < 3; ++n)
+    store(state.colour[n] + rays.pixel, rays.colour[n]);
+  store(state.opacity + rays.pixel, rays.opacity);
+  if (job.kind == SampleKind::kScalar) {
+    store(state.sample[0] + rays.pixel, rays.sample.value);
+  } else {
+    for (int n = 0; n < 3; ++n)
+      store(state.sample[n] + rays.pixel, rays.sample.more[n]);
+    store(state.sample[3] + rays.pixel, rays.sample.value);
+  }
+  store(state.sample_z + rays.pixel, rays.z);
+  store(state.sample_back + rays.pixel, rays.back);
+  if (state.depth != nullptr)
+    store(state.depth + rays.pixel, rays.depth);
+}
+
+template <SampleKind kind, bool shaded>
+SOFT_VOLUME_INLINE std::size_t compositeBlock(const CompositeJob& job, const PixelState& state, int x, int y) {
+  Rays rays = loadRays(job, state, x, y);
+  if (!any(rays.opacity < kOpaque))
+    return 0;
+  classify<kind>(job.table, rays.sample);
+  const int at = (y - job.tile_y + kApron) * kSampleStride + (x - job.tile_x + kPixelLanes);
+  const Floats jitter = job.jitter ? jitterOf(x, y) : Floats{};
+  std::size_t segments = 0;
+  const bool plain = kind == SampleKind::kScalar && !shaded && state.depth == nullptr && job.clips == 0 && !job.jitter;
+  float next_event_z = nextEvent(job, rays);
+  for (int plane = 0; plane < job.planes; ++plane) {
+    if (next_event_z <= job.z[plane]) {
+      segments += passEvents<kind, shaded>(job, state, rays, job.z[plane], plane, at);
+      next_event_z = nextEvent(job, rays);
+    }
+    if (plain && job.occupied[plane] != 0 && passPlainPlane(job, state, rays, plane, at)) {
+      segments += kPixelLanes;
+      continue;
+    }
+    segments += passPlane<kind, shaded>(job, state, rays, plane, at, jitter);
+    if ((plane & 3) == 3 && !any(rays.opacity < kOpaque))
+      break;
+  }
+  if (job.last) {
+    const int plane = job.planes > 0 ? job.planes - 1 : 0;
+    if (job.events.count > 0)
+      segments += passEvents<kind, shaded>(job, state, rays, kHuge, plane, at);
+    leave<kind, shaded>(job, state, rays, isNumber(rays.sample.value), plane, at);
+  }
+  storeRays(job, state, rays);
+  return segments;
+}
+
+/// One slice by itself: the transfer function's colours without transparency.
+SOFT_VOLUME_INLINE std::size_t showBlock(const CompositeJob& job, const PixelState& state, int x, int y) {
+  const int at = (y - job.tile_y + kApron) * kSampleStride + (x - job.tile_x + kPixelLanes);
+  const int pixel = (y - job.tile_y) * kTileWidth + (x - job.tile_x);
+  for (int plane = 0; plane < job.planes; ++plane) {
+    if (job.occupied[plane] == 0)
+      continue;
+    const Ints everywhere = allInts(-1);
+    Sample sample{};
+    Entry entry{};
+    if (job.kind == SampleKind::kColour) {
+      sample = readSample<SampleKind::kColour>(job, plane, at, everywhere);
+      const Floats inverse = 1.0F / select(sample.value > 0.0F, sample.value, all(1.0F));
+      for (int n = 0; n < 3; ++n)
+        entry.c[n] = sample.more[n] * inverse;
+    } else {
+      sample = job.kind == SampleKind::kScalar ? readSample<SampleKind::kScalar>(job, plane, at, everywhere)
+                                               : readSample<SampleKind::kTexture>(job, plane, at, everywhere);
+      entry = lookUp(job.table.entries, entryOf(job.table, sample.value));
+    }
+    const Ints hit = isNumber(sample.value);
+    for (int n = 0; n < 3; ++n)
+      store(state.colour[n] + pixel, select(hit, entry.c[n], load(state.colour[n] + pixel)));
+    store(state.opacity + pixel, select(hit, all(1.0F), load(state.opacity + pixel)));
+    if (state.depth != nullptr)
+      store(state.depth + pixel, select(hit, all(job.z[plane]), load(state.depth + pixel)));
+  }
+  return 0;
+}
+
+template <SampleKind kind, bool shaded>
+std::size_t compositeTile(const CompositeJob& job, const PixelState& state) {
+  std::size_t segments = 0;
+  for (int y = job.begin_y; y < job.end_y; ++y) {
+    for (int x = job.begin_x & -kPixelLanes; x < job.end_x; x += kPixelLanes)
+      segments += job.cross_section ? showBlock(job, state, x, y) : compositeBlock<kind, shaded>(job, state, x, y);
+  }
+  return segments;
+}
+
+std::size_t composite(const CompositeJob& job, const PixelState& state) {
+  if (job.kind == SampleKind::kColour)
+    return compositeTile<SampleKind::kColour, false>(job, state);
+  const bool shaded = job.shading > 0.0F;
+  if (job.kind == SampleKind::kScalar)
+    return shaded ? compositeTile<SampleKind::kScalar, true>(job, state)
+                  : compositeTile<SampleKind::kScalar, false>(job, state);
+  return shaded ? compositeTile<SampleKind::kTexture, true>(job, state)
+                : compositeTile<SampleKind::kTexture, false>(job, state);
+}
+
+constexpr NativeKernel kNativeKernel = {fill, composite};
+
+}  // namespace
+}  // namespace SOFT_VOLUME_KERNEL_SPACE
+}  // namespace soft_volume::core
