@@ -54,7 +54,7 @@ struct GlCanvas::Objects {
         volume(functions, max_texture_side),
         mask(functions, kMaskVertexShader, kMaskFragmentShader),
         table(functions, GL_TEXTURE_1D, GL_NEAREST),
-        integrals(functions, GL_TEXTURE_1D, GL_LINEAR),
+        means(functions, GL_TEXTURE_1D, GL_NEAREST),
         colour_target(functions, GL_TEXTURE_2D, GL_NEAREST),
         depth_target(functions, GL_TEXTURE_2D, GL_NEAREST),
         label_target(functions, GL_TEXTURE_2D, GL_NEAREST),
@@ -80,7 +80,7 @@ struct GlCanvas::Objects {
   std::map<unsigned, std::unique_ptr<GlProgram>> programs;  ///< by GlVariant::key(), made when first used
   GlProgram mask;
   GlTexture table;
-  GlTexture integrals;
+  GlTexture means;  ///< integrals, then entries with colours times absorption
   GlTexture colour_target;
   GlTexture depth_target;
   GlTexture label_target;
@@ -131,10 +131,13 @@ void GlCanvas::setTable(const TransferTable& table) {
   const GlContext::Current current(context_);
   const auto fill = [&](const GlTexture& texture, const std::vector<TransferTable::Entry>& entries) {
     gl().BindTexture(GL_TEXTURE_1D, texture.id());
-    gl().TexImage1D(GL_TEXTURE_1D, 0, GL_RGBA32F, TransferTable::kSize, 0, GL_RGBA, GL_FLOAT, entries.data());
+    gl().TexImage1D(GL_TEXTURE_1D, 0, GL_RGBA32F, GLsizei(entries.size()), 0, GL_RGBA, GL_FLOAT, entries.data());
   };
   fill(objects_->table, table.entries());
-  fill(objects_->integrals, table.integrals());
+  std::vector<TransferTable::Entry> means = table.integrals();
+  for (const TransferTable::Entry& entry : table.entries())
+    means.push_back({entry[0] * entry[3], entry[1] * entry[3], entry[2] * entry[3], entry[3]});
+  fill(objects_->means, means);
   table_ = table;
 }
 
@@ -213,7 +216,7 @@ void GlCanvas::bindTextures() const {
     gl().BindTexture(target, texture.id());
   };
   bind(kTableUnit, GL_TEXTURE_1D, objects_->table);
-  bind(kIntegralUnit, GL_TEXTURE_1D, objects_->integrals);
+  bind(kMeanUnit, GL_TEXTURE_1D, objects_->means);
   bind(kAccumulatedUnit, GL_TEXTURE_2D, objects_->colour_target);
 }
 

@@ -61,7 +61,7 @@ void main() {
 /// What comes in and what main() is made of.
 const char* const kFragmentDeclarations = R"(
 layout(binding = 1) uniform sampler1D table;
-layout(binding = 2) uniform sampler1D integrals;
+layout(binding = 2) uniform sampler1D means;  // the integrals, then the table with colours times absorption
 uniform vec2 table_map;        // first value, entries per value
 uniform vec4 pinhole;          // cx, cy, 1 / fx, 1 / fy
 uniform vec2 slab;             // from and to, metres of depth behind the slice
@@ -112,15 +112,19 @@ float entryOf(float value) {
 vec4 materialOf(float value) { return texelFetch(table, int(entryOf(value) + 0.5), 0); }
 
 #if defined(SLAB_VALUES) && !defined(COLOUR)
-vec4 integralAt(float entry) { return texture(integrals, (entry + 0.5) / float(textureSize(integrals, 0))); }
-
-// Mean colour and absorption while the scalar goes from one value to the other.
+// Mean colour and absorption while the scalar goes from one value to the other: the difference of two integrals. Where
+// the values are close that is too little to be exact, and one look-up half way takes its place.
 vec4 classify(float from, float to) {
   float first = entryOf(from);
   float last = entryOf(to);
-  if (abs(last - first) < 4.0) return texelFetch(table, int(0.5 * (first + last) + 0.5), 0);
-  vec4 mean = (integralAt(last) - integralAt(first)) / (last - first);
-  return mean.a > 0.0 ? vec4(mean.rgb / mean.a, mean.a) : vec4(0.0);
+  int size = textureSize(table, 0);
+  int begin = int(first + 0.5);
+  int end = int(last + 0.5);
+  bool near = abs(end - begin) < 4;
+  vec4 sum = texelFetch(means, near ? size + int(0.5 * (first + last) + 0.5) : end, 0) -
+             texelFetch(means, near ? 0 : begin, 0);
+  float count = near ? 1.0 : float(end - begin);
+  return sum.a != 0.0 ? vec4(sum.rgb / sum.a, sum.a / count) : vec4(0.0);
 }
 #endif
 

@@ -13,7 +13,7 @@
 namespace soft_volume::core {
 
 /// Texture units that the shaders of gl_shaders.h name.
-enum : GLint { kVolumeUnit, kTableUnit, kIntegralUnit, kAccumulatedUnit, kLabelUnit };
+enum : GLint { kVolumeUnit, kTableUnit, kMeanUnit, kAccumulatedUnit, kLabelUnit };
 
 /// A volume and its segmentation as 3D textures, in bricks where one texture cannot hold them, with mipmaps that are
 /// made when they are first needed. All calls need the context current.
