@@ -35,6 +35,8 @@ class HoleSplitter {
  private:
   const SliceVertex& at(std::uint32_t vertex) const { return vertices_[vertex]; }
 
+  bool areSame(std::uint32_t a, std::uint32_t b) const { return at(a).u == at(b).u && at(a).v == at(b).v; }
+
   /// Twice the signed area of a triangle.
   double cross(std::uint32_t a, std::uint32_t b, std::uint32_t c) const {
     return (double(at(b).u) - at(a).u) * (double(at(c).v) - at(a).v) -
@@ -67,14 +69,11 @@ class HoleSplitter {
     return inside;
   }
 
-  /// The loops may have vertices in common where the cell touches itself.
+  /// The loops may touch where the plane goes through a vertex, so the majority of the hole's vertices decides.
   bool isAround(const Loop& outer, const Loop& hole) const {
-    for (const std::uint32_t vertex : hole) {
-      if (std::find(outer.begin(), outer.end(), vertex) == outer.end())
-        return isInside(at(vertex).u, at(vertex).v, outer);
-    }
-    return isInside(0.5 * (double(at(hole[0]).u) + at(hole[1]).u), 0.5 * (double(at(hole[0]).v) + at(hole[1]).v),
-                    outer);
+    const auto inside = std::count_if(
+        hole.begin(), hole.end(), [&](std::uint32_t vertex) { return isInside(at(vertex).u, at(vertex).v, outer); });
+    return 2 * std::size_t(inside) > hole.size();
   }
 
   /// Joins the hole to the smallest loop around it.
@@ -145,7 +144,7 @@ class HoleSplitter {
 
   /// Whether the bridge from a to b runs through the cell and meets no loop but at its ends. It may have no length.
   bool isFree(std::uint32_t a, std::uint32_t b, const Loop& outer, const Loop& hole) const {
-    if (a == b)
+    if (areSame(a, b))
       return true;
     const double u = 0.5 * (double(at(a).u) + at(b).u);
     const double v = 0.5 * (double(at(a).v) + at(b).v);
