@@ -148,7 +148,7 @@ GlVariant GlCanvas::variantOf(const DrawJob& job) const {
   variant.source = grid_->isTextured() ? GlSource::kTexture : by_colour ? GlSource::kColour : GlSource::kScalar;
   variant.slab_values = grid_->isTextured() || !grid_->point_scalars.empty();
   variant.cross_section = job.cross_section;
-  variant.shaded = options.shading > 0.0 && !job.cross_section && grid_->cell_scalars.empty();
+  variant.shaded = options.shading > 0.0 && !job.cross_section;
   variant.depth = options.depth || options.labels;
   variant.labels = options.labels && objects_->volume.hasLabels() && grid_->isTextured();
   variant.clipped = !options.clip_planes.empty() && !job.cross_section;
@@ -455,7 +455,7 @@ void GlCanvas::readLabels(Frame& frame) const {
 std::string GlCanvas::driver() const {
   const GlContext::Current current(context_);
   const auto text = [this](GLenum name) { return reinterpret_cast<const char*>(gl().GetString(name)); };
-  return std::string(text(GL_RENDERER)) + ", " + text(GL_VERSION);
+  return std::string(context_.makerName()) + ", " + text(GL_RENDERER) + ", " + text(GL_VERSION);
 }
 
 }  // namespace soft_volume::core

@@ -20,11 +20,7 @@ GlFunctions loadFunctions(GlMaker& maker) {
 
 }  // namespace
 
-GlContext::GlContext() : maker_(makeOsMesa()) {
-  if (!maker_) {
-    throw Error(
-        "cannot create an OpenGL 4.5 core context through OSMesa; install Mesa's off-screen library (libosmesa6)");
-  }
+GlContext::GlContext() : maker_(makeGl()) {
   const Current current(*this);
   gl_ = loadFunctions(*maker_);
 }

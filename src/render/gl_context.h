@@ -87,7 +87,7 @@ struct GlFunctions {
 /// may come from different threads one after the other.
 class GlContext {
  public:
-  /// Throws Error with a hint when there is no OpenGL 4.5 core context.
+  /// Throws as makeGl() does.
   GlContext();
   ~GlContext();
 
@@ -104,6 +104,7 @@ class GlContext {
   };
 
   const GlFunctions& gl() const { return gl_; }
+  const char* makerName() const { return maker_->name(); }
 
  private:
   std::unique_ptr<GlMaker> maker_;
