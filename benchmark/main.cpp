@@ -5,6 +5,7 @@
 #include <fstream>
 #include <string>
 
+#include "render_benchmark.h"
 #include "simulation_benchmark.h"
 
 namespace {
@@ -30,6 +31,7 @@ int main(int argc, char** argv) {
 #endif
   benchmark::AddCustomContext("build", SOFT_VOLUME_BUILD);
   soft_volume::core::registerSimulationBenchmarks();
+  soft_volume::core::registerRenderBenchmarks();
   benchmark::Initialize(&argc, argv);
   if (benchmark::ReportUnrecognizedArguments(argc, argv))
     return 2;

@@ -9,46 +9,23 @@ written when a result or a part of the page is missing.
 
 Exit code: 0 when every bound holds and every number is reached, 1 when one is not, 2 when the page cannot be made.
 """
-import contextlib
-import io
-import json
 import os
 import re
-import shutil
 import sys
 
 import benchmark_report
+from page import PageError, goals, machine, number, percent, read_json, run, table, tradeoff_section
 
 # Plots that the page shows, by their place in the results. One that a skipped suite did not draw stays as it is.
-IMAGES = ["tradeoff/simulation.png", "plots/cantilever_error.png", "plots/truth_cube_10mm.png",
-          "plots/free_vibration.png", "plots/extremes_deformations.png"]
+IMAGES = [("tradeoff/simulation.png", "tradeoff.png"), ("plots/cantilever_error.png", "cantilever_error.png"),
+          ("plots/truth_cube_10mm.png", "truth_cube_10mm.png"), ("plots/free_vibration.png", "free_vibration.png"),
+          ("plots/extremes_deformations.png", "extremes_deformations.png")]
 
 MEMORY_CASES = [("float", "float"), ("float, nu 0.45", "float_nu_0.45"), ("double", "double"),
                 ("double, nu 0.45", "double_nu_0.45")]
 STEP_VARIANTS = [("oracle", "oracle"), ("float", "float"), ("float, no guard", "float_unguarded"),
                  ("float, nu 0.45", "float_nu_0.45"), ("double", "double"),
                  ("float, folding everywhere", "float_violent"), ("float, 2 threads", "float_2_threads")]
-
-
-class PageError(Exception):
-    pass
-
-
-# ---------------------------------------------------------------------------------------------------------- formatting
-
-def number(value, digits=3):
-    return "-" if value is None else f"{value:.{digits}g}"
-
-
-def percent(fraction):
-    return "-" if fraction is None else f"{100.0 * fraction:.2g} %"
-
-
-def table(header, rows):
-    if not rows:
-        raise PageError(f"no results for the table '{header[0]}'")
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
 
 
 # -------------------------------------------------------------------------------------------------------- known answers
@@ -164,26 +141,7 @@ def always(validation):
             f"threads: {sum(row['value'] for row, _ in bits):.0f}.")
 
 
-# ------------------------------------------------------------------------------------------------------------ trade-off
-
-def tradeoff_section(text, title):
-    match = re.search(rf"^## {re.escape(title)}\n\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
-    if not match:
-        raise PageError(f"tradeoff/simulation.md has no section '{title}'")
-    text = match[1].strip()
-    if re.search(r"^\|(?:---\|)+$(?!\n\|)", text, re.MULTILINE):
-        raise PageError(f"the table '{title}' of tradeoff/simulation.md has no rows")
-    return text
-
-
 # -------------------------------------------------------------------------------------------------------- speed, memory
-
-def goals(medians):
-    """The table of benchmark_report, and whether everything is reached."""
-    with contextlib.redirect_stdout(io.StringIO()) as text:
-        reached = benchmark_report.print_goals(medians)
-    return text.getvalue().strip(), reached
-
 
 def milliseconds(medians, case):
     try:
@@ -226,18 +184,7 @@ def memory(medians):
     return table([f"bytes a vertex, {int(prefix.split('/')[2]):,} cells", *(title for title, _ in cases)], rows)
 
 
-def machine(context):
-    build = " ".join(context.get("build", "").split())
-    return (f"Measured on {context.get('processor', 'an unknown processor')}, {context['num_cpus']} cores; compiler "
-            f"{context.get('compiler')}, `{build}`.")
-
-
 # ---------------------------------------------------------------------------------------------------------------- page
-
-def read_json(path):
-    with open(path, encoding="utf-8") as file:
-        return json.load(file)
-
 
 def make_parts(results):
     """The text of every generated part, and whether all bounds hold."""
@@ -260,53 +207,5 @@ def make_parts(results):
     return parts, reached and not validation.failed
 
 
-def fill(page, parts):
-    """The page with its parts replaced; those that are None stay."""
-    pattern = re.compile(r"(<!-- begin (\w+) -->\n)(.*?)(<!-- end \2 -->)", re.DOTALL)
-    found = [match[2] for match in pattern.finditer(page)]
-    marks = len(re.findall(r"<!-- (?:begin|end) ", page))
-    if sorted(found) != sorted(parts) or marks != 2 * len(found):
-        differences = sorted(set(found) ^ set(parts)) or "a mark without its partner, or twice"
-        raise PageError(f"the marks of the page are not the parts that there are: {differences}")
-    return pattern.sub(lambda m: m[0] if parts[m[2]] is None else f"{m[1]}{parts[m[2]]}\n{m[4]}", page)
-
-
-def copy_images(results, folder):
-    os.makedirs(folder, exist_ok=True)
-    for image in IMAGES:
-        source = os.path.join(results, image)
-        if os.path.exists(source):
-            name = "tradeoff.png" if image.startswith("tradeoff/") else os.path.basename(image)
-            shutil.copyfile(source, os.path.join(folder, name))
-        else:
-            print(f"  {image} was not drawn; the page keeps the one that it has")
-
-
-def write(path, text):
-    """All or nothing: the page is in use while it is written."""
-    with open(path + ".new", "w", encoding="utf-8") as file:
-        file.write(text)
-    os.replace(path + ".new", path)
-
-
-def main():
-    if len(sys.argv) != 3 or "--help" in sys.argv or "-h" in sys.argv:
-        print(__doc__.strip())
-        return 0 if "--help" in sys.argv or "-h" in sys.argv else 2
-    results, path = sys.argv[1:]
-    try:
-        parts, good = make_parts(results)
-        with open(path, encoding="utf-8") as file:
-            page = file.read()
-        text = fill(page, parts)
-        copy_images(results, os.path.join(os.path.dirname(os.path.abspath(path)), "images", "simulation"))
-        write(path, text)
-    except (PageError, OSError, ValueError, KeyError) as error:
-        print(f"{path} is as it was: {error}\nscripts/measure_simulation makes the results", file=sys.stderr)
-        return 2
-    print(f"  {path}: {len(parts)} parts" + ("" if good else "; some numbers are beyond their bounds, see there"))
-    return 0 if good else 1
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(__doc__, "scripts/measure_simulation", make_parts, IMAGES, "simulation"))

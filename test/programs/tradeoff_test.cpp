@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -11,9 +13,12 @@
 #include <string>
 #include <vector>
 
-#include "replay/test_folder.h"
+#include "programs/tradeoff/rendering_scene.h"
+#include "programs/tradeoff/rendering_sweep.h"
 #include "programs/tradeoff/simulation_scene.h"
 #include "programs/tradeoff/tradeoff_table.h"
+#include "replay/test_folder.h"
+#include "soft_volume/common/error.h"
 
 namespace soft_volume::core {
 namespace {
@@ -124,6 +129,111 @@ TEST(TradeoffScenes, IndentationPressesWithOneNewtonAndLetsGo) {
   EXPECT_TRUE(scene.forces(0.39).empty() || scene.forces(0.39).front().force_n.isZero());
 }
 
+/// What a CSV and a plot say of a table of two rows with errors of 0.5 and 2.
+std::string csvOf(const ErrorUnit& unit) {
+  TradeoffTable table = makeTable({makeRow("a", 1.0, 0.5), makeRow("a", 2.0, 2.0)});
+  table.error_unit = unit;
+  const TestFolder folder;
+  writeCsv(table, folder / "table.csv");
+  std::ifstream file(folder / "table.csv");
+  std::stringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+TEST(TradeoffTable, WritesErrorsInTheirUnit) {
+  const std::string fractions = csvOf({});
+  EXPECT_NE(fractions.find("error_reference_percent,error_known_percent"), std::string::npos);
+  EXPECT_NE(fractions.find("a,x,50,,1,"), std::string::npos) << fractions;
+  const std::string levels = csvOf({1.0, "levels", "%g"});
+  EXPECT_NE(levels.find("error_reference_levels,error_known_levels"), std::string::npos);
+  EXPECT_NE(levels.find("a,x,0.5,,1,"), std::string::npos) << levels;
+}
+
+TEST(TradeoffTable, PlotsErrorsInTheirUnit) {
+  TradeoffTable table = makeTable({makeRow("a", 1.0, 0.5), makeRow("a", 2.0, 2.0)});
+  TradeoffPlot plot;
+  plot.panels = {{"a", "a", "error"}};
+  EXPECT_NE(plotScript(table, plot).find("\n1 50 "), std::string::npos);
+  EXPECT_NE(plotScript(table, plot).find("%g %%"), std::string::npos);
+  table.error_unit = {1.0, "levels", "%g"};
+  EXPECT_NE(plotScript(table, plot).find("\n1 0.5 "), std::string::npos);
+  EXPECT_EQ(plotScript(table, plot).find("%g %%"), std::string::npos);
+}
+
+// --------------------------------------------------------------------------------------------- what the renderer draws
+
+TEST(RenderingScenes, CurvilinearGridIsValidAndNowhereInsideOut) {
+  const RenderingScene scene = curvilinearScene(8000);
+  EXPECT_EQ(scene.grid.cellCount(), 8000u);
+  EXPECT_NO_THROW(scene.grid.validate());
+  for (std::size_t c = 0; c < scene.grid.cellCount(); ++c) {
+    std::array<Vector3, 8> corners;
+    for (std::size_t n = 0; n < 8; ++n)
+      corners[n] = scene.grid.points[scene.grid.connectivity[8 * c + n]].cast<double>();
+    ASSERT_GT((corners[1] - corners[0]).cross(corners[3] - corners[0]).dot(corners[4] - corners[0]), 0.0) << c;
+    ASSERT_GT((corners[5] - corners[6]).cross(corners[7] - corners[6]).dot(corners[2] - corners[6]), 0.0) << c;
+  }
+  const auto range = std::minmax_element(scene.grid.point_scalars.begin(), scene.grid.point_scalars.end());
+  EXPECT_LT(*range.first, 0.2F);
+  EXPECT_GT(*range.second, 0.8F);
+}
+
+TEST(RenderingScenes, ViewsShowTheWholeGridAndLittleElse) {
+  const RenderingScene scene = curvilinearScene(1000);
+  for (const RenderingView& view : scene.views) {
+    const Camera camera = view.camera(640, 480);
+    EXPECT_NO_THROW(camera.validate());
+    Eigen::AlignedBox2d shown;
+    for (const Vector3f& p : scene.positions) {
+      const Vector3 p_camera = camera.T_volume_camera.inverse() * p.cast<double>();
+      EXPECT_GT(p_camera.z(), camera.near_m) << view.name;
+      EXPECT_LT(p_camera.z(), camera.far_m) << view.name;
+      shown.extend(camera.project(p_camera));
+    }
+    EXPECT_GT(shown.min().x(), 0.0) << view.name;
+    EXPECT_GT(shown.min().y(), 0.0) << view.name;
+    EXPECT_LT(shown.max().x(), 639.0) << view.name;
+    EXPECT_LT(shown.max().y(), 479.0) << view.name;
+    EXPECT_GT(std::max(shown.sizes().x() / 640.0, shown.sizes().y() / 480.0), 0.6) << view.name;
+  }
+}
+
+TEST(RenderingScenes, ATouchMovesWhatShowsInATenthOfTheImage) {
+  const RenderingScene scene = curvilinearScene(27000);
+  const Camera camera = scene.views[1].camera(640, 480);
+  const std::vector<Vector3f> after = touched(scene, camera, 0.1);
+  ASSERT_EQ(after.size(), scene.positions.size());
+  Eigen::AlignedBox2d moved;
+  const Pose T_camera_volume = camera.T_volume_camera.inverse();
+  for (std::size_t c = 0; c < scene.grid.cellCount(); ++c) {
+    const std::uint32_t* corners = &scene.grid.connectivity[8 * c];
+    if (std::all_of(corners, corners + 8, [&](std::uint32_t v) { return after[v] == scene.positions[v]; }))
+      continue;
+    for (int n = 0; n < 8; ++n)
+      moved.extend(camera.project(T_camera_volume * scene.positions[corners[n]].cast<double>()));
+  }
+  EXPECT_NEAR(moved.volume() / (640.0 * 480.0), 0.1, 0.02);
+}
+
+Frame frameOf(const std::vector<float>& rgba) {
+  Frame frame;
+  frame.width = int(rgba.size() / 4);
+  frame.height = 1;
+  frame.rgba = rgba;
+  return frame;
+}
+
+TEST(RenderingError, CountsColoursOfPixelsThatAreNotBlack) {
+  const Frame reference = frameOf({0.5F, 0.5F, 0.5F, 1.0F, 0.0F, 0.0F, 0.0F, 0.0F});
+  EXPECT_EQ(rmseLevels(reference, reference), 0.0);
+  const Frame brighter = frameOf({0.6F, 0.5F, 0.5F, 0.3F, 0.0F, 0.0F, 0.0F, 0.5F});
+  EXPECT_NEAR(rmseLevels(brighter, reference), 25.5 / std::sqrt(3.0), 1e-4);  // neither opacity nor black pixels count
+  const Frame beside = frameOf({0.5F, 0.5F, 0.5F, 1.0F, 0.1F, 0.0F, 0.0F, 0.5F});
+  EXPECT_NEAR(rmseLevels(beside, reference), 25.5 / std::sqrt(6.0), 1e-4);
+  EXPECT_THROW(rmseLevels(frameOf({1.0F, 1.0F, 1.0F, 1.0F}), reference), InputError);
+}
+
 // ------------------------------------------------------------------------------------------------------ the program
 
 struct Outcome {
@@ -198,6 +308,7 @@ TEST(TradeoffProgram, TeachesAndRefuses) {
   const Outcome nothing = runProgram("--out /nowhere");
   EXPECT_EQ(nothing.code, 2);
   EXPECT_NE(nothing.output.find("--simulation"), std::string::npos);
+  EXPECT_NE(nothing.output.find("--rendering"), std::string::npos);
   EXPECT_EQ(runProgram("--simulation").code, 2);
   const Outcome unwritable = runProgram("--simulation --quick --out /proc/tradeoff");
   EXPECT_EQ(unwritable.code, 2);
@@ -240,6 +351,41 @@ TEST(TradeoffProgram, QuickSweepTellsAClearStory) {
   EXPECT_NE(report.find("## What to choose"), std::string::npos);
   EXPECT_EQ(report.find("nan"), std::string::npos);
   EXPECT_EQ(readFile(out + "/simulation.png").substr(1, 3), "PNG");
+}
+
+TEST(TradeoffProgram, QuickSweepOfTheRendererTellsAClearStory) {
+  const TestFolder folder;
+  const std::string out = folder / "sweep";
+  const Outcome outcome = runProgram("--rendering --quick --repeats 1 --no-progress --out '" + out + "'");
+  ASSERT_EQ(outcome.code, 0) << outcome.output;
+  const std::vector<CsvRow> rows = readCsv(out + "/rendering.csv");
+  const auto error = [&](const std::string& function, const std::string& method, const std::string& slices) {
+    const CsvRow wanted = {{"scene", "curvilinear " + function + " 160x120"}, {"method", method}, {"slices", slices}};
+    return numberIn(findRow(rows, wanted), "error_reference_levels");
+  };
+  for (const std::string function : {"haze", "peaks"}) {
+    for (const std::string method : {"gl", "native", "native boundary", "native adaptive"})
+      EXPECT_LT(error(function, method, "40"), 0.7 * error(function, method, "10")) << function << " " << method;
+    EXPECT_LT(error(function, "native boundary", "40"), 1.02 * error(function, "native", "40")) << function;
+    EXPECT_EQ(error(function, "exact", ""), 0.0) << function;
+  }
+  // An update draws the same picture as a full redraw, but less of it.
+  for (const std::string backend : {"gl", "native"}) {
+    CsvRow wanted = {{"scene", "curvilinear haze 160x120 touch"}, {"backend", backend}, {"update", "full"}};
+    const CsvRow* full = findRow(rows, wanted);
+    wanted["update"] = "incremental";
+    const CsvRow* incremental = findRow(rows, wanted);
+    EXPECT_EQ(numberIn(incremental, "error_reference_levels"), numberIn(full, "error_reference_levels")) << backend;
+    EXPECT_EQ(numberIn(full, "updated_percent"), 100.0) << backend;
+    EXPECT_GT(numberIn(incremental, "updated_percent"), 5.0) << backend;
+    EXPECT_LT(numberIn(incremental, "updated_percent"), 40.0) << backend;  // gl's normals reach one cell farther
+  }
+  const std::string report = readFile(out + "/rendering.md");
+  for (const std::string section : {"## What to choose", "## Look-up", "## Incremental or full"})
+    EXPECT_NE(report.find(section), std::string::npos);
+  EXPECT_EQ(report.find("nan"), std::string::npos);
+  EXPECT_EQ(report.find("## Refused"), std::string::npos);
+  EXPECT_EQ(readFile(out + "/rendering.png").substr(1, 3), "PNG");
 }
 
 }  // namespace

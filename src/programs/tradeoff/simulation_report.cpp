@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
-#include <fstream>
 #include <functional>
 #include <map>
 
+#include "report_text.h"
 #include "soft_volume/simulation/setting_names.h"
 
 namespace soft_volume::core {
@@ -47,20 +45,6 @@ const std::vector<std::string>& settingNames() {
 }
 
 // ---------------------------------------------------------------------------------------------------------- numbers
-
-std::string format(const char* pattern, ...) __attribute__((format(printf, 1, 2)));
-std::string format(const char* pattern, ...) {
-  char buffer[1024];
-  va_list arguments;
-  va_start(arguments, pattern);
-  std::vsnprintf(buffer, sizeof buffer, pattern, arguments);
-  va_end(arguments);
-  return buffer;
-}
-
-std::string number(double value) {
-  return format(std::abs(value) >= 1000.0 ? "%.0f" : "%.3g", value);
-}
 
 std::string percent(double fraction) {
   return std::isfinite(fraction) ? format(fraction >= 0.1 ? "%.0f %%" : "%.2g %%", 100.0 * fraction) : "diverged";
@@ -215,15 +199,6 @@ std::string realTimeText(const SweepResult& result) {
   const double factor = 1e3 / result.ms_per_simulated_s;
   return factor >= 1.0 ? format("%s times faster than real time on one core", number(factor).c_str())
                        : format("%s times slower than real time on one core", number(1.0 / factor).c_str());
-}
-
-std::string processorName() {
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);) {
-    if (line.rfind("model name", 0) == 0)
-      return line.substr(line.find(':') + 2);
-  }
-  return "an unknown processor";
 }
 
 std::string needOf(const char* preset) {

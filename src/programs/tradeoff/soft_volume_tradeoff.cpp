@@ -4,11 +4,16 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "plot.h"
 #include "progress_bar.h"
+#include "rendering_report.h"
+#include "rendering_scene.h"
+#include "rendering_sweep.h"
 #include "simulation_report.h"
 #include "simulation_scene.h"
 #include "simulation_sweep.h"
@@ -19,6 +24,9 @@ namespace {
 
 using soft_volume::core::FileError;
 using soft_volume::core::ProgressBar;
+using soft_volume::core::RenderingCase;
+using soft_volume::core::RenderingResults;
+using soft_volume::core::RenderingScene;
 using soft_volume::core::SceneResults;
 using soft_volume::core::TradeoffTable;
 
@@ -27,6 +35,7 @@ constexpr int kImpossible = 2;
 
 struct Arguments {
   bool simulation = false;
+  bool rendering = false;
   std::string out;
   bool quick = false;
   int repeats = 3;
@@ -38,18 +47,25 @@ constexpr char kFooter[] =
     "  soft_volume_tradeoff --simulation --out tradeoff\n"
     "      Which lattice spacing, integrator, step, active set and precision are worth their cost? Twenty minutes or "
     "so.\n"
-    "  soft_volume_tradeoff --simulation --quick --out tradeoff\n"
-    "      The same with few settings on a small slab, in seconds; for a first look and for tests.\n"
+    "  soft_volume_tradeoff --rendering --out tradeoff\n"
+    "      How many slices, which back end, which options? Ten minutes or so.\n"
+    "  soft_volume_tradeoff --simulation --rendering --quick --out tradeoff\n"
+    "      Both with few settings on small scenes, in seconds; for a first look and for tests.\n"
     "\n"
-    "Two scenes are simulated with every setting: a footprint that presses into a slab of tissue, slides and lets go,\n"
-    "compared with a converged reference; and a loaded cantilever, compared with Timoshenko's deflection. Written are\n"
+    "--simulation: two scenes are simulated with every setting: a footprint that presses into a slab of tissue, "
+    "slides\n"
+    "and lets go, compared with a converged reference; and a loaded cantilever, compared with Timoshenko's "
+    "deflection.\n"
+    "The cost is processor time of one core. Written are\n"
     "  DIR/simulation.md   what to choose for which need, and why, in words: read this first\n"
     "  DIR/simulation.png  error against cost of every setting, with the Pareto front\n"
     "  DIR/simulation.csv  every setting with its errors (per cent), ms per simulated second and bytes per vertex\n"
-    "The cost is processor time of one core, the median of interleaved repeats; best run nothing else meanwhile. "
-    "Errors are the same "
-    "in\n"
-    "every run.\n"
+    "--rendering: a curvilinear grid and, where the sample data are (scripts/sample_data), a deformed lattice with an\n"
+    "MRI are drawn with every setting and compared with the exact back end. The cost is the time of a frame on all "
+    "cores.\n"
+    "Written are DIR/rendering.md, .png and .csv in the same form; errors in 8-bit levels, memory in MiB.\n"
+    "\n"
+    "Costs are medians of interleaved repeats; best run nothing else meanwhile. Errors are the same in every run.\n"
     "\n"
     "Exit code: 0 done, 2 it cannot be done (bad arguments, a folder that cannot be written, gnuplot missing).\n";
 
@@ -105,14 +121,77 @@ void sweepSimulation(const Arguments& arguments) {
   }
 }
 
+/// The scenes that there are; `skipped` takes the reasons for those that are not.
+std::vector<std::unique_ptr<RenderingScene>> renderingScenes(bool quick, std::vector<std::string>& skipped) {
+  std::vector<std::unique_ptr<RenderingScene>> scenes;
+  scenes.push_back(std::make_unique<RenderingScene>(soft_volume::core::curvilinearScene(quick ? 1000 : 40000)));
+  if (quick)
+    return scenes;
+  std::string why_not;
+  if (auto mri = soft_volume::core::mriLatticeScene(why_not))
+    scenes.push_back(std::move(mri));
+  else
+    skipped.push_back("mri_lattice: " + why_not);
+  return scenes;
+}
+
+/// Every scene at an angle to its cells, as haze and as narrow peaks.
+std::vector<RenderingCase> renderingCases(const std::vector<std::unique_ptr<RenderingScene>>& scenes) {
+  std::vector<RenderingCase> cases;
+  for (const auto& scene : scenes) {
+    for (std::size_t f = 0; f < 2; ++f)
+      cases.push_back({scene.get(), scene->functions[f], scene->views[1]});
+  }
+  return cases;
+}
+
+std::vector<RenderingResults> drawCases(const Arguments& arguments, const std::vector<RenderingCase>& cases) {
+  using namespace soft_volume::core;
+  double total = 0.0;
+  for (const RenderingCase& c : cases)
+    total += renderingWork(renderingSettings(*c.scene, arguments.quick), arguments.repeats);
+  ProgressBar bar(arguments.no_progress);
+  double before = 0.0;
+  std::vector<RenderingResults> results;
+  for (const RenderingCase& c : cases) {
+    const std::vector<RenderingSetting> settings = renderingSettings(*c.scene, arguments.quick);
+    const auto progress = [&](double done, double) { bar.update(before + done, total); };
+    results.push_back({c, runRenderingSweep(c, settings, arguments.repeats, progress)});
+    before += renderingWork(settings, arguments.repeats);
+  }
+  return results;
+}
+
+void sweepRendering(const Arguments& arguments) {
+  const std::string stem = outputFolder(arguments.out) + "rendering";
+  writeText(stem + ".md", "soft_volume_tradeoff has not finished.\n");
+  std::vector<std::string> skipped;
+  const auto scenes = renderingScenes(arguments.quick, skipped);
+  for (const std::string& reason : skipped)
+    std::fprintf(stderr, "left out %s\n", reason.c_str());
+  const std::vector<RenderingResults> cases = drawCases(arguments, renderingCases(scenes));
+  const TradeoffTable table = renderingTable(cases);
+  writeCsv(table, stem + ".csv");
+  writeText(stem + ".md", renderingReport(cases, table, skipped));
+  soft_volume::core::plotWithGnuplot(plotScript(table, renderingPlot(cases, stem + ".png")));
+  std::printf("%s.md, .png and .csv: %zu settings\n", stem.c_str(), table.rows.size());
+  for (const auto& row : table.rows) {
+    if (!row.preset.empty()) {
+      std::printf("  %-34s %-18s %s, %s slices: error %.3g levels, %.4g ms a frame\n", row.scene.c_str(),
+                  row.preset.c_str(), row.settings[0].c_str(), row.settings[1].c_str(), row.error(), row.cost);
+    }
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   Arguments arguments;
   CLI::App app("Measures what a faster or a more exact answer costs, and says what to choose.");
   app.add_flag("--simulation", arguments.simulation, "sweep the settings of the simulation");
+  app.add_flag("--rendering", arguments.rendering, "sweep the settings of the renderer");
   app.add_option("--out", arguments.out, "folder for the results; made when it does not exist")->required();
-  app.add_flag("--quick", arguments.quick, "few settings, a small slab and a short course");
+  app.add_flag("--quick", arguments.quick, "few settings, small scenes");
   app.add_option("--repeats", arguments.repeats, "times that every setting runs for its cost (default 3)")
       ->check(CLI::Range(1, 99));
   app.add_flag("--no-progress", arguments.no_progress, "print no progress");
@@ -123,9 +202,12 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? kDone : kImpossible;
   }
   try {
-    if (!arguments.simulation)
-      throw soft_volume::core::InputError("say what to measure: --simulation");
-    sweepSimulation(arguments);
+    if (!arguments.simulation && !arguments.rendering)
+      throw soft_volume::core::InputError("say what to measure: --simulation, --rendering or both");
+    if (arguments.simulation)
+      sweepSimulation(arguments);
+    if (arguments.rendering)
+      sweepRendering(arguments);
     return kDone;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "soft_volume_tradeoff: %s\n", error.what());

@@ -20,8 +20,17 @@ constexpr const char* kColours[] = {"#4477aa", "#66ccee", "#228833", "#ccbb44",
                                     "#ee6677", "#aa3377", "#bbbbbb", "#222255"};
 constexpr int kShapes[] = {7, 5, 9, 13, 11, 15, 4, 6};  ///< gnuplot's filled shapes first
 
-/// The values that a setting takes, numbers in increasing order.
-std::vector<std::string> distinctValues(const TradeoffTable& table, std::size_t setting) {
+bool drawable(const TradeoffRow& row) {
+  return std::isfinite(row.error()) && row.error() > 0.0 && std::isfinite(row.cost) && row.cost > 0.0;
+}
+
+bool hasPanel(const TradeoffPlot& plot, const std::string& scene) {
+  return std::any_of(plot.panels.begin(), plot.panels.end(),
+                     [&](const TradeoffPanel& panel) { return panel.scene == scene; });
+}
+
+/// The values that a setting takes in what is drawn, numbers in increasing order.
+std::vector<std::string> distinctValues(const TradeoffTable& table, const TradeoffPlot& plot, std::size_t setting) {
   const auto before = [](const std::string& a, const std::string& b) {
     char* end = nullptr;
     const double x = std::strtod(a.c_str(), &end);
@@ -30,8 +39,10 @@ std::vector<std::string> distinctValues(const TradeoffTable& table, std::size_t 
     return number && x != y ? x < y : a < b;
   };
   std::set<std::string, decltype(before)> values(before);
-  for (const TradeoffRow& row : table.rows)
-    values.insert(row.settings[setting]);
+  for (const TradeoffRow& row : table.rows) {
+    if (drawable(row) && hasPanel(plot, row.scene))
+      values.insert(row.settings[setting]);
+  }
   return {values.begin(), values.end()};
 }
 
@@ -47,13 +58,9 @@ int shape(std::size_t index) {
   return kShapes[index % std::size(kShapes)];
 }
 
-bool drawable(const TradeoffRow& row) {
-  return std::isfinite(row.error()) && row.error() > 0.0 && std::isfinite(row.cost) && row.cost > 0.0;
-}
-
-std::string percent(double fraction) {
+std::string inUnit(double error, const ErrorUnit& unit) {
   std::ostringstream text;
-  text << 100.0 * fraction;
+  text << unit.scale * error;
   return text.str();
 }
 
@@ -66,6 +73,21 @@ std::string quoted(const std::string& text) {
     result += c;
   }
   return result + "\"";
+}
+
+/// 1, 2 and 5 times the powers of ten between two numbers, as gnuplot's labels of an axis.
+std::string ticks(double low, double high) {
+  std::ostringstream text;
+  const char* separator = "";
+  for (double decade = std::pow(10.0, std::floor(std::log10(low))); decade <= high; decade *= 10.0) {
+    for (const double factor : {1.0, 2.0, 5.0}) {
+      if (factor * decade < low || factor * decade > high)
+        continue;
+      text << separator << factor * decade;
+      separator = ", ";
+    }
+  }
+  return text.str();
 }
 
 /// Rows of a scene that can be drawn, by increasing cost.
@@ -85,11 +107,12 @@ class PanelWriter {
   PanelWriter(std::ostream& script, const TradeoffTable& table, const TradeoffPlot& plot, std::size_t index)
       : script_(script),
         plot_(plot),
+        scale_(table.error_unit.scale),
         panel_(plot.panels[index]),
         suffix_(std::to_string(index)),
         rows_(drawableRows(table, panel_.scene)),
-        colours_(distinctValues(table, plot.colour_setting)),
-        shapes_(distinctValues(table, plot.shape_setting)) {}
+        colours_(distinctValues(table, plot, plot.colour_setting)),
+        shapes_(distinctValues(table, plot, plot.shape_setting)) {}
 
   void write() {
     writeData("$all", false);
@@ -110,7 +133,7 @@ class PanelWriter {
     for (const TradeoffRow* row : rows_) {
       if (front_only && !row->on_front)
         continue;
-      script_ << row->cost << " " << 100.0 * row->error() << " "
+      script_ << row->cost << " " << scale_ * row->error() << " "
               << shape(indexOf(shapes_, row->settings[plot_.shape_setting])) << " 0x"
               << colour(indexOf(colours_, row->settings[plot_.colour_setting])) + 1 << "\n";
     }
@@ -124,7 +147,7 @@ class PanelWriter {
     for (const TradeoffRow* row : rows_) {
       if (row->preset.empty())
         continue;
-      script_ << "set label " << quoted(row->preset) << " at " << row->cost << "," << 100.0 * row->error()
+      script_ << "set label " << quoted(row->preset) << " at " << row->cost << "," << scale_ * row->error()
               << " left front font \",15\" offset 0.8," << (above ? "1.1" : "-1.1")
               << " point pt 2 ps 2.2 lw 3 lc rgb \"black\"\n";
       above = !above;
@@ -140,13 +163,18 @@ class PanelWriter {
     for (const TradeoffRow* row : rows_) {
       least_cost = std::min(least_cost, row->cost);
       most_cost = std::max(most_cost, row->cost);
-      least_error = std::min(least_error, 100.0 * row->error());
-      most_error = std::max(most_error, 100.0 * row->error());
+      least_error = std::min(least_error, scale_ * row->error());
+      most_error = std::max(most_error, scale_ * row->error());
     }
     if (rows_.empty())
       return;
-    script_ << "set xrange [" << least_cost / 1.5 << ":" << most_cost * 2.5 << "]\nset yrange [" << least_error / 1.5
-            << ":" << most_error * 1.5 << "]\n";
+    writeRange("x", least_cost / 1.5, most_cost * 2.5);
+    writeRange("y", least_error / 1.5, most_error * 1.5);
+  }
+
+  void writeRange(const char* axis, double low, double high) {
+    script_ << "set " << axis << "range [" << low << ":" << high << "]\nset " << axis << "tics (" << ticks(low, high)
+            << ")\n";
   }
 
   void writeLegend() {
@@ -161,6 +189,7 @@ class PanelWriter {
 
   std::ostream& script_;
   const TradeoffPlot& plot_;
+  double scale_;
   const TradeoffPanel& panel_;
   std::string suffix_;
   std::vector<const TradeoffRow*> rows_;
@@ -208,14 +237,15 @@ void writeCsv(const TradeoffTable& table, const std::string& path) {
   file << "scene";
   for (const std::string& name : table.setting_names)
     file << "," << name;
-  file << ",error_reference_percent,error_known_percent," << table.cost_name << "," << table.memory_name
-       << ",on_front,preset\n";
+  file << ",error_reference_" << table.error_unit.name << ",error_known_" << table.error_unit.name << ","
+       << table.cost_name << "," << table.memory_name << ",on_front,preset\n";
   for (const TradeoffRow& row : table.rows) {
     file << row.scene;
     for (const std::string& value : row.settings)
       file << "," << value;
-    file << "," << percent(row.reference_error) << "," << (row.known_error ? percent(*row.known_error) : "") << ","
-         << row.cost << "," << row.memory << "," << (row.on_front ? 1 : 0) << "," << row.preset << "\n";
+    file << "," << inUnit(row.reference_error, table.error_unit) << ","
+         << (row.known_error ? inUnit(*row.known_error, table.error_unit) : "") << "," << row.cost << "," << row.memory
+         << "," << (row.on_front ? 1 : 0) << "," << row.preset << "\n";
   }
   file.close();
   if (!file)
@@ -223,14 +253,16 @@ void writeCsv(const TradeoffTable& table, const std::string& path) {
 }
 
 std::string plotScript(const TradeoffTable& table, const TradeoffPlot& plot) {
+  const std::size_t columns = plot.panels.size() <= 3 ? plot.panels.size() : 2;
+  const std::size_t rows = (plot.panels.size() + columns - 1) / columns;
   std::ostringstream script;
-  script << "set terminal pngcairo noenhanced size " << 1000 * plot.panels.size() << ",900 font \"DejaVu Sans,13\"\n"
-         << "set output " << quoted(plot.png_path) << "\n"
-         << "set multiplot layout 1," << plot.panels.size() << " title " << quoted(plot.title) << " font \",17\"\n"
+  script << "set terminal pngcairo noenhanced size " << 1000 * columns << "," << 900 * rows
+         << " font \"DejaVu Sans,13\"\nset output " << quoted(plot.png_path) << "\n"
+         << "set multiplot layout " << rows << "," << columns << " title " << quoted(plot.title) << " font \",17\"\n"
          << "set logscale xy\nset grid xtics ytics mxtics "
             "mytics lc rgb \"#cccccc\", lc rgb \"#eeeeee\"\n"
          << "set xlabel " << quoted(plot.cost_label) << "\nset key outside bottom center horizontal\n"
-         << "set format x \"%g\"\nset format y \"%g %%\"\n";
+         << "set format x \"%g\"\nset format y " << quoted(table.error_unit.axis_format) << "\n";
   for (std::size_t index = 0; index < plot.panels.size(); ++index)
     PanelWriter(script, table, plot, index).write();
   script << "unset multiplot\n";
