@@ -433,8 +433,9 @@ void append(const SliceMesh& part, SliceMesh& mesh) {
   const auto corners = std::uint32_t(mesh.corners.size());
   const auto polygons = std::uint32_t(mesh.polygons.size());
   mesh.vertices.insert(mesh.vertices.end(), part.vertices.begin(), part.vertices.end());
-  for (const std::uint32_t corner : part.corners)
-    mesh.corners.push_back(corner + vertices);
+  mesh.corners.resize(corners + part.corners.size());
+  std::transform(part.corners.begin(), part.corners.end(), mesh.corners.begin() + corners,
+                 [vertices](std::uint32_t corner) { return corner + vertices; });
   mesh.edges.insert(mesh.edges.end(), part.edges.begin(), part.edges.end());
   for (const SlicePolygon& polygon : part.polygons)
     mesh.polygons.push_back({polygon.cell, polygon.first + corners, polygon.size});

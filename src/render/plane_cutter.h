@@ -55,6 +55,10 @@ struct PlaneScale {
 ///
 /// An active edge keeps its line per metre of depth. Its place on a plane is computed from the edge's end, not from the
 /// place on the plane before, so that no error adds up and it does not matter where a run begins.
+///
+/// Measured on the blunt fin (60,450 polygons, one core): 1.45 ms with the list of edges, 1.72 when the first cell that
+/// needs an edge cuts it, 2.5 when every cell cuts its own edges again. The buckets of the edges take 0.4 ms of that
+/// back, but the edges are also what lets polygons share vertices, of which there are a quarter as many as corners.
 class PlaneCutter {
  public:
   /// Appends planes [begin, end) of the grid's planes to `mesh`.
