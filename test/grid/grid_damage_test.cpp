@@ -173,6 +173,15 @@ TEST_F(GridDamage, HugeClaims) {
                 optionsOf({"", "", plot3dSolution({Block{}})}, folder_));
 }
 
+TEST_F(GridDamage, AbsurdNumbersOfComponents) {
+  for (const char* count : {"2147483648", "9223372036854775807", "99999", "0", "-1", "x"}) {
+    const std::string claim = "NumberOfComponents=\"" + std::string(count);
+    for (const std::string& file : {vtuFile(good()), appendedVtuFile(good())})
+      expectRefused(folder_.write("a.vtu", replaced(file, "NumberOfComponents=\"3", claim)), "components");
+    expectRefused(folder_.write("a.vti", replaced(vtiGridFile({}), "NumberOfComponents=\"1", claim)), "components");
+  }
+}
+
 TEST_F(GridDamage, IndicesOutOfRange) {
   for (const long bad : {26L, 27000000L, -1L}) {
     FileContents contents = good();

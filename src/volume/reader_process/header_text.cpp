@@ -5,6 +5,7 @@
 #include <zlib.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -71,6 +72,26 @@ std::uint64_t gzipBytes(const std::string& path, std::uint64_t offset) {
 [[noreturn]] void throwTooShort(std::uint64_t claimed, std::uint64_t there) {
   throw ReadError("the file is too short: the header claims " + std::to_string(claimed) +
                   " bytes of voxels, but only " + std::to_string(there) + " are there; copy the file again");
+}
+
+/// Room for an attribute that two blocks of a file share.
+constexpr std::size_t kLongestClaim = 256;
+
+/// Looks at every NumberOfComponents="..." of a text.
+void checkComponentClaims(const std::string& text) {
+  constexpr long kMost = 4096;
+  const std::string attribute = "NumberOfComponents";
+  for (std::size_t at = text.find(attribute); at != std::string::npos; at = text.find(attribute, at + 1)) {
+    const std::size_t open_quote = text.find_first_of("\"'", at);
+    const std::size_t close_quote =
+        open_quote == std::string::npos ? open_quote : text.find_first_of("\"'", open_quote + 1);
+    if (close_quote == std::string::npos)
+      return;  // cut by the end of the block, and seen again with the next one
+    const std::string claim = text.substr(open_quote + 1, std::min(close_quote - open_quote - 1, std::size_t(32)));
+    const long components = std::strtol(claim.c_str(), nullptr, 10);
+    if (components < 1 || components > kMost)
+      throw ReadError("an array claims " + claim + " components; it may have 1 to " + std::to_string(kMost));
+  }
 }
 
 }  // namespace
@@ -153,6 +174,21 @@ void checkFileHolds(const std::string& path, std::uint64_t offset, std::uint64_t
   }
   if (size < offset || size - offset < byte_count) {
     throwTooShort(byte_count, size < offset ? 0 : size - offset);
+  }
+}
+
+void checkXmlComponents(const std::string& path) {
+  std::ifstream file = open(path);
+  std::string text;
+  std::vector<char> block(1 << 20);
+  bool is_xml = true;
+  while (is_xml && (file.read(block.data(), std::streamsize(block.size())), file.gcount() > 0)) {
+    text.append(block.data(), std::size_t(file.gcount()));
+    is_xml = text.find("<AppendedData") == std::string::npos;  // raw bytes follow
+    if (!is_xml)
+      text.resize(text.find("<AppendedData"));
+    checkComponentClaims(text);
+    text.erase(0, text.size() - std::min(text.size(), kLongestClaim));
   }
 }
 

@@ -32,8 +32,11 @@ bool endsWith(const std::string& text, const std::string& end);
 std::string beside(const std::string& path, const std::string& name);
 /// Throws ReadError when the file is missing or shorter than needed.
 void checkFileHolds(const std::string& path, std::uint64_t offset, std::uint64_t byte_count);
-/// The same for gzip data from `offset` on, counted after decompression; checks its checksum too, which readers that
-/// stop after the last voxel never see.
+/// VTK's XML readers never end on arrays of absurdly many components. Throws ReadError when an array claims more than
+/// 4096 of them, or none.
+void checkXmlComponents(const std::string& path);
+/// The same as checkFileHolds for gzip data from `offset` on, counted after decompression; checks its checksum too,
+/// which readers that stop after the last voxel never see.
 void checkGzipHolds(const std::string& path, std::uint64_t offset, std::uint64_t byte_count);
 
 }  // namespace soft_volume::core::reader

@@ -416,6 +416,7 @@ Image readNrrd(const std::string& path, std::uint64_t limit) {
 }
 
 Image readVti(const std::string& path, std::uint64_t limit) {
+  checkXmlComponents(path);
   const auto reports = startReports();
   const vtkNew<vtkXMLImageDataReader> reader;
   reader->SetFileName(path.c_str());

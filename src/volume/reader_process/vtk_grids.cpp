@@ -43,6 +43,7 @@ vtkSmartPointer<vtkDataSet> dataSetOf(vtkDataObject* object) {
 
 template <typename Reader>
 Blocks readXml(const std::string& path, const Reports& reports) {
+  checkXmlComponents(path);
   const vtkNew<Reader> reader;
   reader->SetFileName(path.c_str());
   reader->Update();
