@@ -157,9 +157,9 @@ class TexturedVolume {
   }
 
  private:
-  static constexpr double kBendVoxels = 0.02;
+  static constexpr double kBendVoxels = 0.005;
   static constexpr double kStepVoxels = 0.5;
-  static constexpr int kMaxHalvings = 4;
+  static constexpr int kMaxHalvings = 8;
 
   /// Texture coordinates between two samples.
   struct Line {
