@@ -38,6 +38,11 @@ std::vector<std::array<Vector3f, 2>> textureBoxes(const DrawnGrid& grid) {
   return boxes;
 }
 
+/// With colours times absorption.
+TransferTable::Entry weighted(const TransferTable::Entry& entry) {
+  return {entry[0] * entry[3], entry[1] * entry[3], entry[2] * entry[3], entry[3]};
+}
+
 void attach(const GlFunctions& gl, GLenum attachment, const GlTexture& texture, GLint format, GLenum components,
             int width, int height) {
   gl.BindTexture(GL_TEXTURE_2D, texture.id());
@@ -136,7 +141,7 @@ void GlCanvas::setTable(const TransferTable& table) {
   fill(objects_->table, table.entries());
   std::vector<TransferTable::Entry> means = table.integrals();
   for (const TransferTable::Entry& entry : table.entries())
-    means.push_back({entry[0] * entry[3], entry[1] * entry[3], entry[2] * entry[3], entry[3]});
+    means.push_back(weighted(entry));
   fill(objects_->means, means);
   table_ = table;
 }
@@ -316,6 +321,8 @@ void GlCanvas::setFrameUniforms(const GlProgram& program) const {
   gl().Uniform4f(program["pinhole"], float(camera.cx), float(camera.cy), float(1.0 / camera.fx),
                  float(1.0 / camera.fy));
   gl().Uniform2f(program["table_map"], float(table_->firstValue()), float(table_->entriesPerValue()));
+  gl().Uniform4fv(program["low_end"], 1, weighted(table_->entries().front()).data());
+  gl().Uniform4fv(program["high_end"], 1, weighted(table_->entries().back()).data());
   gl().Uniform1f(program["surface_scale"],
                  float(step_m_ * kEdgesPerRange * table_->entriesPerValue() / TransferTable::kSize));
   const Vector3f light = lightDirection();

@@ -63,6 +63,8 @@ const char* const kFragmentDeclarations = R"(
 layout(binding = 1) uniform sampler1D table;
 layout(binding = 2) uniform sampler1D means;  // the integrals, then the table with colours times absorption
 uniform vec2 table_map;        // first value, entries per value
+uniform vec4 low_end;          // the table's first and last entry, colours times absorption
+uniform vec4 high_end;
 uniform vec4 pinhole;          // cx, cy, 1 / fx, 1 / fy
 uniform vec2 slab;             // from and to, metres of depth behind the slice
 uniform float slice_z;
@@ -105,26 +107,32 @@ in vec2 scalar;                // its value, and its change along the ray per me
 in vec4 classified;
 #endif
 
-float entryOf(float value) {
-  return clamp((value - table_map.x) * table_map.y, 0.0, float(textureSize(table, 0) - 1));
-}
+// Which entry of the table a value has; less than 0 and more than the last outside the table, which repeats its ends.
+float entryOf(float value) { return clamp((value - table_map.x) * table_map.y, -1e9, 1e9); }
 
-vec4 materialOf(float value) { return texelFetch(table, int(entryOf(value) + 0.5), 0); }
+vec4 materialOf(float value) {
+  return texelFetch(table, int(clamp(entryOf(value), 0.0, float(textureSize(table, 0) - 1)) + 0.5), 0);
+}
 
 #if defined(SLAB_VALUES) && !defined(COLOUR)
 // Mean colour and absorption while the scalar goes from one value to the other: the difference of two integrals. Where
 // the values are close that is too little to be exact, and one look-up half way takes its place.
 vec4 classify(float from, float to) {
+  int size = textureSize(table, 0);
   float first = entryOf(from);
   float last = entryOf(to);
-  int size = textureSize(table, 0);
-  int begin = int(first + 0.5);
-  int end = int(last + 0.5);
-  bool near = abs(end - begin) < 4;
-  vec4 sum = texelFetch(means, near ? size + int(0.5 * (first + last) + 0.5) : end, 0) -
-             texelFetch(means, near ? 0 : begin, 0);
-  float count = near ? 1.0 : float(end - begin);
-  return sum.a != 0.0 ? vec4(sum.rgb / sum.a, sum.a / count) : vec4(0.0);
+  float begin = floor(clamp(first, 0.0, float(size - 1)) + 0.5);
+  float end = floor(clamp(last, 0.0, float(size - 1)) + 0.5);
+  float middle = clamp(0.5 * (first + last), 0.0, float(size - 1));
+  // A value that is inside counts as its entry, so that both ends of the division agree.
+  float before = first == clamp(first, 0.0, float(size - 1)) ? 0.0 : first - begin;
+  float behind = last == clamp(last, 0.0, float(size - 1)) ? 0.0 : last - end;
+  float count = end - begin + behind - before;
+  bool near = abs(count) < 4.0;
+  vec4 sum = texelFetch(means, near ? size + int(middle + 0.5) : int(end), 0) -
+             texelFetch(means, near ? 0 : int(begin), 0);
+  if (!near) sum += behind * (behind < 0.0 ? low_end : high_end) - before * (before < 0.0 ? low_end : high_end);
+  return sum.a != 0.0 ? vec4(sum.rgb / sum.a, near ? sum.a : sum.a / count) : vec4(0.0);
 }
 #endif
 
