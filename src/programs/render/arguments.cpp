@@ -67,19 +67,10 @@ constexpr char kFooter[] =
     "Exit code: 0 done, 1 it cannot be done (bad arguments, a file that is missing or damaged, no OpenGL for "
     "--backend gl).\n";
 
-template <typename Choice>
-std::string joinedNames() {
-  std::string text;
-  for (const std::string& name : choiceNames<Choice>())
-    text += (text.empty() ? "" : ", ") + name;
-  return text;
-}
-
 template <typename Choice, typename Target>
 CLI::Option* addChoice(CLI::App& app, const char* name, Target& target, const std::string& about) {
   const auto set = [&target](const std::string& word) { target = *choiceNamed<Choice>(word); };
-  return app.add_option_function<std::string>(name, set, about + ": " + joinedNames<Choice>())
-      ->check(CLI::IsMember(choiceNames<Choice>()));
+  return app.add_option_function<std::string>(name, set, about)->check(CLI::IsMember(choiceNames<Choice>()));
 }
 
 /// Numbers between commas.
@@ -194,8 +185,9 @@ void addLook(CLI::App& app, Arguments& a) {
 
 void addMethod(CLI::App& app, Arguments& a) {
   addChoice<Backend>(app, "--backend", a.backend, "what draws (default native); exact is slow and the reference");
-  CLI::Option* slices = app.add_option("--slices", a.options.slices, "planes over the grid's depth (default 200)")
-                            ->check(CLI::Range(1, 4096));
+  CLI::Option* slices =
+      app.add_option("--slices", a.slices, "planes over the grid's depth; default: 400 for volumes, 200 for grids")
+          ->check(CLI::Range(1, 4096));
   app.add_option("--step", a.options.step_m, "distance of the planes instead of their number")
       ->check(CLI::Range(1e-12, 1e12))
       ->excludes(slices);
@@ -209,7 +201,8 @@ void addMethod(CLI::App& app, Arguments& a) {
 void addView(CLI::App& app, Arguments& a) {
   CLI::Option* size = addParsed(
       app, "--size", [&a](const std::string& text) { parseSize(text, a); }, "pixels (default 640x480)", "WxH");
-  CLI::Option* projection = addChoice<Projection>(app, "--projection", a.projection, "default perspective");
+  CLI::Option* projection =
+      addChoice<Projection>(app, "--projection", a.projection, "kind of projection (default perspective)");
   CLI::Option* azimuth = app.add_option("--azimuth", a.azimuth_deg, "turn of the camera to its right, degrees");
   CLI::Option* elevation =
       app.add_option("--elevation", a.elevation_deg, "rise of the camera, degrees")->check(CLI::Range(-90.0, 90.0));
@@ -290,7 +283,6 @@ void checkCombinations(const Arguments& a) {
 }  // namespace
 
 std::optional<int> parseArguments(int argc, char** argv, Arguments& arguments) {
-  arguments.options.slices = 200;
   CLI::App app(kAbout);
   app.set_help_flag("-h,--help", "this text");
   addInput(app, arguments);

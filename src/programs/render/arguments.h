@@ -33,6 +33,7 @@ struct Arguments {
   std::optional<Mode> mode;                    ///< by the data where not given
   Backend backend = Backend::kNative;
   RenderOptions options;
+  std::optional<int> slices;    ///< by the data where not given
   std::optional<double> shade;  ///< by the data where not given
   Vector3f background = Vector3f::Zero();
 

@@ -44,6 +44,7 @@ TransferFunction chooseFunction(const Arguments& arguments, const Subject& subje
 
 RenderOptions chooseOptions(const Arguments& arguments, const Subject& subject) {
   RenderOptions options = arguments.options;
+  options.slices = arguments.slices.value_or(subject.slices);
   options.shading = arguments.shade.value_or(subject.shading);
   options.lookup = arguments.mode == Mode::kColour ? Lookup::kColour : Lookup::kScalar;
   options.validate();

@@ -142,6 +142,7 @@ Subject volumeSubject(const Arguments& arguments) {
   subject.bounds = volume->geometry().bounds();
   subject.view = patientView(volume->geometry());
   subject.shading = 0.7;
+  subject.slices = 400;
   subject.default_transfer_function = looksLikeCt(subject.range) ? "ct_skin" : "mri_t1_head";
   subject.facts = volumeFacts(*volume, subject.range);
   if (arguments.mode.value_or(Mode::kTexture) == Mode::kTexture)

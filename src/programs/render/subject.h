@@ -18,9 +18,10 @@ struct Subject {
   std::shared_ptr<const Volume> labels;  ///< or null
   IrregularGrid grid;
   Box3 bounds;
-  std::array<double, 2> range{};          ///< of the finite scalars; {0, 0} without any
-  Matrix3 view = Matrix3::Identity();     ///< columns: right, up and towards the viewer at azimuth and elevation 0
-  double shading = 0.0;                   ///< where the user says nothing
+  std::array<double, 2> range{};       ///< of the finite scalars; {0, 0} without any
+  Matrix3 view = Matrix3::Identity();  ///< columns: right, up and towards the viewer at azimuth and elevation 0
+  double shading = 0.0;                ///< this and the next two: where the user says nothing
+  int slices = 200;
   std::string default_transfer_function;  ///< name of the preset
   nlohmann::json facts;                   ///< about the file
 };
