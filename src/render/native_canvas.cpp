@@ -13,27 +13,54 @@
 namespace soft_volume::core {
 namespace {
 
+/// Entries of the transfer function by which a scalar may be off where it is taken as linear in a cell.
+constexpr float kLinearEntries = 0.25F;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 int floorDivide(int a, int b) {
   return a >= 0 ? a / b : -((b - 1 - a) / b);
 }
 
-/// Coordinates of a cell's vertex in the unit cube, in the order of its type.
-std::array<float, 3> cubeCorner(CellType type, std::size_t corner) {
-  constexpr std::array<std::size_t, 8> kVoxelOrder = {0, 1, 3, 2, 4, 5, 7, 6};  // of the hexahedron's corners
-  const std::size_t c = type == CellType::kVoxel ? kVoxelOrder[corner] : corner;
-  return {float((c ^ c >> 1) & 1), float(c >> 1 & 1), float(c >> 2)};
+constexpr std::array<std::uint8_t, 8> kHexahedronPlaces = {0, 1, 3, 2, 4, 5, 7, 6};  ///< u + 2 v + 4 w of each corner
+constexpr std::array<std::uint8_t, 8> kVoxelPlaces = {0, 1, 2, 3, 4, 5, 6, 7};
+
+/// Corners of a cell in the unit cube.
+const std::array<std::uint8_t, 8>& placesOf(CellType type) {
+  return type == CellType::kVoxel ? kVoxelPlaces : kHexahedronPlaces;
+}
+
+/// An edge of the unit cube: where it begins and along which axis it runs.
+struct CubeEdge {
+  std::uint8_t first;          ///< vertex of the cell
+  std::array<float, 3> begin;  ///< its place
+  std::uint8_t axis;
+};
+
+std::array<CubeEdge, 12> cubeEdges(CellType type) {
+  const CellShape& shape = shapeOf(type);
+  std::array<CubeEdge, 12> edges{};
+  for (std::size_t e = 0; e < edges.size(); ++e) {
+    const int from = placesOf(type)[shape.edges[e][0]];
+    const int to = placesOf(type)[shape.edges[e][1]];
+    const int axis = (from ^ to) == 1 ? 0 : ((from ^ to) == 2 ? 1 : 2);
+    edges[e] = {shape.edges[e][0], {float(from & 1), float(from >> 1 & 1), float(from >> 2)}, std::uint8_t(axis)};
+  }
+  return edges;
+}
+
+const std::array<CubeEdge, 12>& cubeEdgesOf(CellType type) {
+  static const std::array<CubeEdge, 12> kHexahedron = cubeEdges(CellType::kHexahedron);
+  static const std::array<CubeEdge, 12> kVoxel = cubeEdges(CellType::kVoxel);
+  return type == CellType::kVoxel ? kVoxel : kHexahedron;
 }
 
 /// Of the trilinear polynomial through eight scalars: 1, u, v, w, uv, uw, vw, uvw.
 std::array<float, 8> trilinearCoefficients(CellType type, const std::uint32_t* cell,
                                            const std::vector<float>& scalars) {
-  std::array<float, 8> s{};  // by u + 2 v + 4 w
-  for (std::size_t i = 0; i < 8; ++i) {
-    const std::array<float, 3> p = cubeCorner(type, i);
-    s[std::size_t(p[0]) + 2 * std::size_t(p[1]) + 4 * std::size_t(p[2])] = scalars[cell[i]];
-  }
+  const std::array<std::uint8_t, 8>& places = placesOf(type);
+  std::array<float, 8> s{};
+  for (std::size_t i = 0; i < 8; ++i)
+    s[places[i]] = scalars[cell[i]];
   return {s[0],
           s[1] - s[0],
           s[2] - s[0],
@@ -182,6 +209,7 @@ void NativeCanvas::prepareTiles() {
     tile.y = (first_tile_y_ + int(i) / tiles_x_) * kTileHeight;
     tile.opaque = false;
     tile.segments = 0;
+    tile.blocks.fill(kBlockOutside);
     tile.event_layers = 0;
     tile.floats.assign(std::size_t(job_->options.depth ? 11 : 10) * kTilePixels, 0.0F);
     std::fill_n(tile.array(4), kTilePixels, kNaN);  // the scalar of kScalar
@@ -338,19 +366,22 @@ FillCorner NativeCanvas::cornerAt(const SliceMesh& mesh, const SlicePolygon& pol
 
 /// The corners' places in the cell, from which the scalar is interpolated.
 void NativeCanvas::setTrilinearCorners(const SliceMesh& mesh, const SlicePolygon& polygon, FillCorner* corners) const {
-  const CellType type = grid_->cell_types[polygon.cell];
   const std::uint32_t* cell = &grid_->connectivity[grid_->cell_offsets[polygon.cell]];
-  const CellShape& shape = shapeOf(type);
+  const std::array<CubeEdge, 12>& edges = cubeEdgesOf(grid_->cell_types[polygon.cell]);
   for (std::uint32_t n = 0; n < polygon.size; ++n) {
     const SliceVertex& vertex = mesh.vertices[mesh.corners[polygon.first + n]];
-    const auto& edge = shape.edges[mesh.edges[polygon.first + n]];
-    const float t = cell[edge[0]] == vertex.a ? vertex.t : 1.0F - vertex.t;
-    const std::array<float, 3> from = cubeCorner(type, edge[0]);
-    const std::array<float, 3> to = cubeCorner(type, edge[1]);
-    corners[n] = {vertex.u, vertex.v, {}};
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      corners[n].value[axis] = from[axis] + t * (to[axis] - from[axis]);
+    const CubeEdge& edge = edges[mesh.edges[polygon.first + n]];
+    const float way = cell[edge.first] == vertex.a ? vertex.t : 1.0F - vertex.t;
+    corners[n] = {vertex.u, vertex.v, {edge.begin[0], edge.begin[1], edge.begin[2]}};
+    corners[n].value[edge.axis] = edge.begin[edge.axis] == 0.0F ? way : 1.0F - way;
   }
+}
+
+/// In most cells the scalar is as good as linear: what is interpolated between the corners is the scalar itself then.
+bool NativeCanvas::isTrilinear(const std::array<float, 8>& coefficients) const {
+  const float bend =
+      std::abs(coefficients[4]) + std::abs(coefficients[5]) + std::abs(coefficients[6]) + std::abs(coefficients[7]);
+  return bend * base_.table.entries_per_value > kLinearEntries;
 }
 
 void NativeCanvas::fillPolygon(const SliceMesh& mesh, std::uint32_t number, const FillTarget& target,
@@ -362,9 +393,11 @@ void NativeCanvas::fillPolygon(const SliceMesh& mesh, std::uint32_t number, cons
   if (kind_ == SampleKind::kScalar && isCube(type)) {
     const std::uint32_t* cell = &grid_->connectivity[grid_->cell_offsets[polygon.cell]];
     const std::array<float, 8> coefficients = trilinearCoefficients(type, cell, grid_->point_scalars);
-    setTrilinearCorners(mesh, polygon, corners);
-    kernel_.fill(target, corners, int(polygon.size), 3, coefficients.data(), scratch.crossings.data());
-    return;
+    if (isTrilinear(coefficients)) {
+      setTrilinearCorners(mesh, polygon, corners);
+      kernel_.fill(target, corners, int(polygon.size), 3, coefficients.data(), scratch.crossings.data());
+      return;
+    }
   }
   for (std::uint32_t n = 0; n < polygon.size; ++n)
     corners[n] = cornerAt(mesh, polygon, n);
@@ -379,7 +412,7 @@ void NativeCanvas::composite(Tile& tile, CompositeJob& job, const Scratch& scrat
   job.end_x = std::min(tile.x + kTileWidth, rect.end_x);
   job.begin_y = std::max(tile.y, rect.begin_y);
   job.end_y = std::min(tile.y + kTileHeight, rect.end_y);
-  job.occupied = scratch.occupied.data();
+  job.hits = scratch.hits.data();
   for (std::size_t n = 0; n < samplePartsOf(kind_); ++n)
     job.sample[n] = scratch.sampleAt(n);
   if (tile.event_layers > 0) {
@@ -392,12 +425,13 @@ void NativeCanvas::composite(Tile& tile, CompositeJob& job, const Scratch& scrat
   }
   const PixelState state = tile.state(job_->options.depth);
   tile.segments += kernel_.composite(job, state);
-  float lowest = 1.0F;
-  for (int y = job.begin_y; y < job.end_y; ++y) {
-    const float* row = state.opacity + (y - tile.y) * kTileWidth;
-    lowest = std::min(lowest, *std::min_element(row + (job.begin_x - tile.x), row + (job.end_x - tile.x)));
+  tile.opaque = true;
+  for (int y = job.begin_y; y < job.end_y && tile.opaque; ++y) {
+    const std::uint8_t* row = state.block + (y - tile.y) * (kTileWidth / kPixelLanes);
+    const int end = (job.end_x - tile.x + kPixelLanes - 1) / kPixelLanes;
+    tile.opaque = std::all_of(row + (job.begin_x - tile.x) / kPixelLanes, row + end,
+                              [](std::uint8_t block) { return block == kBlockOpaque; });
   }
-  tile.opaque = lowest >= 0.999F;
 }
 
 void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32_t* polygons, std::size_t count,
@@ -405,6 +439,7 @@ void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32
   if (tile.opaque)
     return;
   scratch.occupied.fill(0);
+  scratch.hits.fill(0);
   std::size_t slice = first_slice;
   const std::size_t attributes = samplePartsOf(kind_);
   FillTarget target{};
@@ -414,6 +449,7 @@ void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32
   target.end_x = tile.x + kTileWidth + kApron;
   target.begin_y = tile.y - kApron;
   target.end_y = tile.y + kTileHeight + kApron;
+  target.hits = scratch.hits.data();
   for (std::size_t n = 0; n < count; ++n) {
     while (polygons[n] >= mesh.slices[slice].first_polygon + mesh.slices[slice].polygon_count)
       ++slice;
@@ -426,6 +462,7 @@ void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32
     }
     for (std::size_t a = 0; a < attributes; ++a)
       target.sample[a] = scratch.sampleAt(a, plane);
+    target.plane = std::uint16_t(1U << plane);
     fillPolygon(mesh, polygons[n], target, scratch);
   }
   CompositeJob job = base_;

@@ -45,6 +45,7 @@ class NativeCanvas : public Canvas {
   void drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32_t* polygons, std::size_t count,
                 std::size_t first_slice, std::size_t end_slice, bool last, Scratch& scratch) const;
   void fillPolygon(const SliceMesh& mesh, std::uint32_t polygon, const FillTarget& target, Scratch& scratch) const;
+  bool isTrilinear(const std::array<float, 8>& coefficients) const;
   void setTrilinearCorners(const SliceMesh& mesh, const SlicePolygon& polygon, FillCorner* corners) const;
   FillCorner cornerAt(const SliceMesh& mesh, const SlicePolygon& polygon, std::size_t corner) const;
   void composite(Tile& tile, CompositeJob& job, const Scratch& scratch) const;

@@ -9,7 +9,7 @@ namespace soft_volume::core {
 constexpr int kPixelLanes = 8;
 /// Tiles lie on a fixed raster from pixel (0, 0), so that what a pixel gets never depends on the rectangle drawn.
 constexpr int kTileWidth = 64;
-constexpr int kTileHeight = 32;
+constexpr int kTileHeight = 64;
 constexpr int kTilePixels = kTileWidth * kTileHeight;
 /// Samples reach this far beyond a tile, for the differences that normals are made of. Rows keep room for one block
 /// more, as the last block of a span may overhang.
@@ -23,6 +23,7 @@ constexpr int kRunPlanes = 16;
 constexpr int kMaxSampleParts = 4;
 constexpr int kMaxAttributes = kMaxSampleParts + 1;
 constexpr int kMaxKernelClips = 8;
+constexpr int kTileBlocks = kTilePixels / kPixelLanes;
 
 /// What a plane's sample of a pixel consists of.
 enum class SampleKind : std::uint8_t {
@@ -42,6 +43,8 @@ struct FillCorner {
 struct FillTarget {
   float* sample[kMaxAttributes];
   int first_x, first_y;  ///< pixel of the first sample of the first row
+  std::uint16_t* hits;   ///< per block of the tile, gets the bits of `plane`; null when nobody asks
+  std::uint16_t plane;   ///< one bit
   int begin_x, end_x;    ///< pixels that are wanted, within the rows
   int begin_y, end_y;
 };
@@ -74,6 +77,11 @@ struct TexelView {
   std::size_t row, slice;  ///< texels from one row to the next, from one slice to the next
 };
 
+/// What is known of a block of pixels.
+constexpr std::uint8_t kBlockOutside = 0;  ///< no ray is inside the grid
+constexpr std::uint8_t kBlockInside = 1;
+constexpr std::uint8_t kBlockOpaque = 2;  ///< nothing more can be seen
+
 /// Pixels of a tile between two runs of planes; arrays of kTilePixels.
 struct PixelState {
   float* colour[3];  ///< premultiplied
@@ -83,6 +91,7 @@ struct PixelState {
   float* sample_back;              ///< where its slab ends
   float* depth;                    ///< NaN as long as the threshold was not reached; null when not wanted
   std::uint16_t* label;            ///< null when not wanted
+  std::uint8_t* block;             ///< per block, one of kBlock...
 };
 
 /// Entries into and exits out of the drawn cells along each ray of a tile, sorted by depth: event `n` of pixel `p` is
@@ -109,7 +118,7 @@ struct CompositeJob {
   const float* front;                  ///< per plane, where its slab begins
   const float* back;                   ///< per plane, where its slab ends
   const std::uint8_t* extra;           ///< per plane
-  const std::uint8_t* occupied;        ///< per plane, 0 where the tile has no samples
+  const std::uint16_t* hits;           ///< per block, the bits of the planes that have samples there
   bool last;                           ///< no plane follows: rays that are inside end
   int tile_x, tile_y;                  ///< first pixel
   int begin_x, end_x, begin_y, end_y;  ///< pixels that are wanted, within the tile

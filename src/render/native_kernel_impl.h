@@ -105,19 +105,40 @@ SOFT_VOLUME_INLINE bool any(const Ints& mask) {
   return bitsOf(mask) != 0;
 }
 
-/// 2^x for x <= 0, within 2e-7; below -126 it is 2^-126. The polynomial is summed in pairs, which waits less than
-/// Horner's rule.
-SOFT_VOLUME_INLINE Floats exp2OfNegative(Floats x) {
-  x = larger(x, all(-126.0F));
-  const Ints whole = toInts(x - 0.5F);
-  const Floats f = x - toFloats(whole);
-  const Floats f2 = f * f;
-  const Floats low = (1.0F + 0.69314718F * f) + f2 * (0.24022651F + 5.5504109e-2F * f);
-  const Floats high = (9.6181291e-3F + 1.3333558e-3F * f) + 1.5403530e-4F * f2;
-  const Ints scale = (whole + 127) << 23;
-  Floats power;
-  __builtin_memcpy(&power, &scale, sizeof(power));
-  return (low + (f2 * f2) * high) * power;
+/// Below this a short series gives 1 - 2^-x, and keeps the digits of a small one.
+constexpr float kThin = 0.5F;
+
+/// 1 - 2^-x for each x >= 0, within 2e-7. Sums are made in pairs, which wait less for each other than in Horner's rule.
+/// Which of the two ways a lane goes depends on its own x alone.
+template <int count>
+SOFT_VOLUME_INLINE void opacitiesOf(const Floats* x, Floats* opacity) {
+  Ints thick{};
+  for (int n = 0; n < count; ++n)
+    thick |= ~(x[n] < kThin);
+  Floats x2[count];
+  Floats x4[count];
+  for (int n = 0; n < count; ++n)
+    x2[n] = x[n] * x[n];
+  for (int n = 0; n < count; ++n)
+    x4[n] = x2[n] * x2[n];
+  for (int n = 0; n < count; ++n) {
+    const Floats low = (0.69314718F - 0.24022651F * x[n]) + x2[n] * (5.5504109e-2F - 9.6181291e-3F * x[n]);
+    opacity[n] = x[n] * (low + x4[n] * (1.3333558e-3F - 1.5403530e-4F * x[n]));
+  }
+  if (!any(thick))
+    return;
+  for (int n = 0; n < count; ++n) {
+    const Floats y = larger(-x[n], all(-126.0F));
+    const Ints whole = toInts(y - 0.5F);
+    const Floats f = y - toFloats(whole);
+    const Floats f2 = f * f;
+    const Floats low = (1.0F + 0.69314718F * f) + f2 * (0.24022651F + 5.5504109e-2F * f);
+    const Floats high = (9.6181291e-3F + 1.3333558e-3F * f) + 1.5403530e-4F * f2;
+    const Ints scale = (whole + 127) << 23;
+    Floats scaled;
+    __builtin_memcpy(&scaled, &scale, sizeof(scaled));
+    opacity[n] = select(x[n] < kThin, opacity[n], 1.0F - (low + (f2 * f2) * high) * scaled);
+  }
 }
 
 // --- Filling polygons
@@ -135,6 +156,17 @@ SOFT_VOLUME_INLINE Floats trilinearAt(const float* c, const Floats& u, const Flo
   const Floats low = c[0] + u * c[1] + v * (c[2] + u * c[4]);
   const Floats high = c[3] + u * c[5] + v * (c[6] + u * c[7]);
   return low + w * high;
+}
+
+/// Notes which blocks of a row of the tile have samples in [begin, end).
+SOFT_VOLUME_INLINE void markBlocks(const FillTarget& target, int row, int begin, int end) {
+  if (row < 0 || row >= kTileHeight)
+    return;
+  const int first = begin > 0 ? begin / kPixelLanes : 0;
+  const int last = end < kTileWidth ? end : kTileWidth;
+  std::uint16_t* blocks = target.hits + row * (kTileWidth / kPixelLanes);
+  for (int block = first; block * kPixelLanes < last; ++block)
+    blocks[block] = std::uint16_t(blocks[block] | target.plane);
 }
 
 /// The pixels between two crossings of a row. Values are computed from the crossing, not from where the tile begins.
@@ -164,6 +196,9 @@ SOFT_VOLUME_INLINE void fillSpan(const FillTarget& target, int y, const Crossing
       store(sample, select(inside, value[n], load(sample)));
     }
   }
+  if (target.hits != nullptr)
+    markBlocks(target, y - target.first_y - kApron, begin - target.first_x - kPixelLanes,
+               end - target.first_x - kPixelLanes);
 }
 
 SOFT_VOLUME_INLINE void sortCrossings(Crossing* crossings, int count) {
@@ -355,6 +390,12 @@ SOFT_VOLUME_INLINE void copySample(Sample& to, const Sample& from) {
     to.sum.c[n] = from.sum.c[n];
 }
 
+/// The entries that were looked up last: where a grid is uniform they are the same again and again.
+struct EntryCache {
+  Ints index;
+  Entry entry;
+};
+
 /// What the eight rays have gathered.
 struct Rays {
   Floats colour[3];
@@ -365,6 +406,8 @@ struct Rays {
   Floats way_per_z;
   Floats slope_x, slope_y;
   Floats clip_front, clip_back;
+  Floats along;  ///< change of the scalar per metre of depth before the last plane
+  EntryCache cache;
   int pixel;  ///< in the tile
 };
 
@@ -418,17 +461,21 @@ struct Mean {
   Floats colour_scale;  ///< colour n is sum[n] * colour_scale
 };
 
-SOFT_VOLUME_INLINE Mean meanBetween(const TableView& table, const Sample& from, const Sample& to, const Ints& mask) {
+SOFT_VOLUME_INLINE Mean meanBetween(const TableView& table, const Sample& from, const Sample& to, const Ints& mask,
+                                    EntryCache& cache) {
   const Ints same = from.entry == to.entry;
   Mean mean;
   for (int n = 0; n < 4; ++n)
     mean.sum[n] = to.sum.c[n] - from.sum.c[n];
   const Floats count = select(same, all(1.0F), toFloats(to.entry - from.entry));
   if (any(same & mask)) {
-    const Entry entry = lookUp(table.entries, to.entry);
+    if (any(cache.index != to.entry)) {
+      cache.index = to.entry;
+      cache.entry = lookUp(table.entries, to.entry);
+    }
     for (int n = 0; n < 3; ++n)
-      mean.sum[n] = select(same, entry.c[n] * entry.c[3], mean.sum[n]);
-    mean.sum[3] = select(same, entry.c[3], mean.sum[3]);
+      mean.sum[n] = select(same, cache.entry.c[n] * cache.entry.c[3], mean.sum[n]);
+    mean.sum[3] = select(same, cache.entry.c[3], mean.sum[3]);
   }
   // One division for both quotients; the sums and the count have the same sign.
   const Floats total = select(mean.sum[3] != 0.0F, mean.sum[3], all(1.0F));
@@ -441,16 +488,16 @@ SOFT_VOLUME_INLINE Mean meanBetween(const TableView& table, const Sample& from, 
 SOFT_VOLUME_INLINE Mean meanOfColours(const Sample& from, const Sample& to) {
   Mean mean;
   mean.absorption = 0.5F * (from.value + to.value);
-  mean.colour_scale = 0.5F / select(mean.absorption > 0.0F, mean.absorption, all(1.0F));
+  mean.colour_scale = 0.5F / larger(mean.absorption, all(1e-30F));
   for (int n = 0; n < 3; ++n)
     mean.sum[n] = from.more[n] + to.more[n];
   return mean;
 }
 
 template <SampleKind kind>
-SOFT_VOLUME_INLINE Mean meanOf(const CompositeJob& job, const Segment& segment) {
+SOFT_VOLUME_INLINE Mean meanOf(const CompositeJob& job, const Segment& segment, EntryCache& cache) {
   return kind == SampleKind::kColour ? meanOfColours(segment.from, segment.to)
-                                     : meanBetween(job.table, segment.from, segment.to, segment.mask);
+                                     : meanBetween(job.table, segment.from, segment.to, segment.mask, cache);
 }
 
 SOFT_VOLUME_INLINE void setDepth(const CompositeJob& job, const PixelState& state, Rays& rays, const Segment& segment,
@@ -489,16 +536,19 @@ struct Lighting {
 template <bool shaded>
 SOFT_VOLUME_INLINE void addMean(const CompositeJob& job, const PixelState& state, Rays& rays, const Segment& segment,
                                 const Mean& mean, const Floats& halvings, const Lighting& lighting) {
-  Floats opacity = 1.0F - exp2OfNegative(-halvings);
+  Floats opacity;
+  opacitiesOf<1>(&halvings, &opacity);
   opacity = select(segment.mask, opacity, all(0.0F));
   const Floats share = (1.0F - rays.opacity) * opacity;
   for (int n = 0; n < 3; ++n) {
+    Floats added;
     if (shaded) {
       const Floats lit = mean.sum[n] * mean.colour_scale * lighting.brightness + lighting.highlight;
-      rays.colour[n] += share * smaller(lit, all(1.0F));
+      added = share * smaller(lit, all(1.0F));
     } else {
-      rays.colour[n] += share * mean.colour_scale * mean.sum[n];
+      added = share * mean.colour_scale * mean.sum[n];
     }
+    rays.colour[n] += select(segment.mask, added, all(0.0F));  // other lanes may hold NaN
   }
   const Floats after = rays.opacity + share;
   if (state.depth != nullptr)
@@ -533,7 +583,7 @@ __attribute__((noinline)) void addParts(const CompositeJob& job, const PixelStat
       copySample<kind>(part.to, segment.to);
     part.back = n < kParts ? between(segment.front, segment.back, t) : segment.back;
     part.mask = segment.mask & isNumber(part.to.value) & isNumber(part.from.value);
-    const Mean mean = meanOf<kind>(job, part);
+    const Mean mean = meanOf<kind>(job, part, rays.cache);
     addMean<shaded>(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption), lighting);
     copySample<kind>(part.from, part.to);
     part.front = part.back;
@@ -562,10 +612,10 @@ SOFT_VOLUME_INLINE void pixelDifferences(const float* sample, int at, Floats& ri
 }
 
 /// Gradient of the scalar in the camera frame around the sample of plane `plane`: across the ray from what the
-/// neighbouring pixels saw, along it from the two ends of the segment.
+/// neighbouring pixels saw, along it from the sample before.
 template <SampleKind kind>
 SOFT_VOLUME_INLINE Gradient gradientAt(const CompositeJob& job, const Rays& rays, const Segment& segment, int plane,
-                                       int at, const Floats& along, int wanted) {
+                                       int at, int wanted) {
   const float scale_x = job.perspective ? job.pixel_x / job.z[plane] : job.pixel_x;
   const float scale_y = job.perspective ? job.pixel_y / job.z[plane] : job.pixel_y;
   const std::size_t offset = std::size_t(plane) * kPlaneSamples;
@@ -600,7 +650,7 @@ SOFT_VOLUME_INLINE Gradient gradientAt(const CompositeJob& job, const Rays& rays
     across_x = right * scale_x;
     across_y = down * scale_y;
   }
-  return {across_x, across_y, along - rays.slope_x * across_x - rays.slope_y * across_y};
+  return {across_x, across_y, rays.along - rays.slope_x * across_x - rays.slope_y * across_y};
 }
 
 /// Light on the surface that the gradient makes, from either side; where the gradient is weak there is no surface, only
@@ -609,9 +659,11 @@ SOFT_VOLUME_INLINE Lighting lightOn(const CompositeJob& job, const Gradient& g) 
   const Floats square = g.x * g.x + g.y * g.y + g.z * g.z;
   const Ints usable = (square > 1e-30F) & (square < kHuge);
   const Floats length = squareRoot(select(usable, square, all(1.0F)));
-  const Floats towards = (g.x * job.light[0] + g.y * job.light[1] + g.z * job.light[2]) / length;
+  const Floats towards =
+      select(usable, (g.x * job.light[0] + g.y * job.light[1] + g.z * job.light[2]) / length, all(0.0F));
   const Floats diffuse = select(towards < 0.0F, -towards, towards);
-  Floats shine = (g.x * job.half_way[0] + g.y * job.half_way[1] + g.z * job.half_way[2]) / length;
+  Floats shine =
+      select(usable, (g.x * job.half_way[0] + g.y * job.half_way[1] + g.z * job.half_way[2]) / length, all(0.0F));
   shine = shine * shine;  // from either side
   for (int n = 0; n < 4; ++n)
     shine = shine * shine;  // the 32nd power
@@ -656,7 +708,10 @@ SOFT_VOLUME_INLINE Ints needsParts(const CompositeJob& job, const Segment& segme
          ((mean.absorption > 0.0F) | (crossed > job.table.size / 4));
 }
 
-/// Integrates the transfer function over a segment into the rays.
+/// Where a ray leaves the grid, no plane is near whose samples would tell of a surface.
+constexpr int kNoPlane = -1;
+
+/// Integrates the transfer function over a segment into the rays. `plane` is the one that it ends at.
 template <SampleKind kind, bool shaded>
 SOFT_VOLUME_INLINE void addSegment(const CompositeJob& job, const PixelState& state, Rays& rays, Segment& segment,
                                    int plane, int at) {
@@ -665,7 +720,7 @@ SOFT_VOLUME_INLINE void addSegment(const CompositeJob& job, const PixelState& st
     clipSegment<kind>(job, rays, segment);
   if (!any(segment.mask))
     return;
-  const Mean mean = meanOf<kind>(job, segment);
+  const Mean mean = meanOf<kind>(job, segment, rays.cache);
   const Floats halvings = halvingsOf(rays, segment, mean.absorption);
   const Ints in_parts = needsParts<kind>(job, segment, mean, halvings) & segment.mask;
   segment.mask &= mean.absorption > 0.0F;
@@ -673,8 +728,10 @@ SOFT_VOLUME_INLINE void addSegment(const CompositeJob& job, const PixelState& st
     return;
   Lighting lighting;
   if (shaded) {
-    const Floats along = (segment.to.value - segment.from.value) / (segment.back - segment.front);
-    lighting = lightOn(job, gradientAt<kind>(job, rays, segment, plane, at, along, bitsOf(segment.mask | in_parts)));
+    const Gradient none = {Floats{}, Floats{}, Floats{}};
+    lighting = lightOn(job, plane == kNoPlane
+                                ? none
+                                : gradientAt<kind>(job, rays, segment, plane, at, bitsOf(segment.mask | in_parts)));
   }
   segment.mask &= ~in_parts;
   if (any(segment.mask))
@@ -750,8 +807,8 @@ SOFT_VOLUME_INLINE float nextEvent(const CompositeJob& job, const Rays& rays) {
 
 /// Takes the rays through the entries and exits before depth z.
 template <SampleKind kind, bool shaded>
-__attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const PixelState& state, Rays& rays, float z,
-                                                 int plane, int at) {
+__attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const PixelState& state, Rays& rays,
+                                                 float z) {
   const EventView& events = job.events;
   std::size_t segments = 0;
   for (;;) {
@@ -788,7 +845,7 @@ __attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const 
     segment.front = rays.z;
     segment.back = event_z;
     segments += std::size_t(__builtin_popcount(unsigned(bitsOf(segment.mask))));
-    addSegment<kind, shaded>(job, state, rays, segment, plane, at);
+    addSegment<kind, shaded>(job, state, rays, segment, kNoPlane, 0);
     const Ints enters = reached & entering;
     selectSample<kind>(enters, sample, rays.sample, rays.sample);
     rays.sample.value = select(reached & ~entering, nothing(), rays.sample.value);
@@ -799,15 +856,15 @@ __attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const 
 
 /// A ray ends half a slab behind the last plane that hit.
 template <SampleKind kind, bool shaded>
-__attribute__((noinline)) void leave(const CompositeJob& job, const PixelState& state, Rays& rays, const Ints& leaving,
-                                     int plane, int at) {
+__attribute__((noinline)) void leave(const CompositeJob& job, const PixelState& state, Rays& rays,
+                                     const Ints& leaving) {
   Segment segment;
   segment.mask = leaving;
   copySample<kind>(segment.from, rays.sample);
   copySample<kind>(segment.to, rays.sample);
   segment.front = rays.z;
   segment.back = rays.back;
-  addSegment<kind, shaded>(job, state, rays, segment, plane, at);
+  addSegment<kind, shaded>(job, state, rays, segment, kNoPlane, 0);
   rays.sample.value = select(leaving, nothing(), rays.sample.value);
 }
 
@@ -816,16 +873,11 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
                                                 int at, const Floats& jitter) {
   const bool extra = job.extra[plane] != 0;
   const Ints inside = isNumber(rays.sample.value);
-  if (job.occupied[plane] == 0) {
-    if (!extra && any(inside))
-      leave<kind, shaded>(job, state, rays, inside, plane, at);
-    return 0;
-  }
   Sample sample = readSample<kind>(job, plane, at, rays.opacity < kOpaque);
   const Ints hit = isNumber(sample.value);
   const Ints leaving = inside & ~hit;
   if (!extra && any(leaving))
-    leave<kind, shaded>(job, state, rays, leaving, plane, at);
+    leave<kind, shaded>(job, state, rays, leaving);
   const int hits = bitsOf(hit);
   if (hits == 0)
     return 0;
@@ -836,6 +888,7 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
   copySample<kind>(segment.to, sample);
   segment.front = select(inside, rays.z, all(job.front[plane]));
   segment.back = all(job.z[plane]);
+  rays.along = select(inside & hit, (sample.value - rays.sample.value) / (job.z[plane] - rays.z), all(0.0F));
   if (job.jitter && !extra) {
     // The sample moves back towards the one before; its slab moves with it.
     const Ints moves = hit & inside;
@@ -851,35 +904,59 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
   return std::size_t(__builtin_popcount(unsigned(hits)));
 }
 
-/// passPlane() where nothing special happens: all eight rays are inside before and behind, and nothing but the colours
-/// of scalars is asked for. Most planes of most pixels are of this kind. False, with nothing done, for all others.
-SOFT_VOLUME_INLINE bool passPlainPlane(const CompositeJob& job, const PixelState& state, Rays& rays, int plane,
-                                       int at) {
-  Sample sample;
-  sample.value = load(job.sample[0] + std::size_t(plane) * kPlaneSamples + std::size_t(at));
-  const Ints everywhere = isNumber(sample.value) & isNumber(rays.sample.value) & (rays.opacity < kOpaque);
+/// passPlane() for `count` planes where nothing special happens: all eight rays are inside before and behind each, and
+/// nothing but the colours of scalars is asked for. Most planes of most pixels are of this kind. False, with nothing
+/// done, for all others. Each step is done for all planes before the next one: the steps wait for each other, the
+/// planes do not.
+template <int count>
+SOFT_VOLUME_INLINE bool passPlainPlanes(const CompositeJob& job, Rays& rays, int plane, int at) {
+  Sample samples[count];
+  Ints everywhere = isNumber(rays.sample.value) & (rays.opacity < kOpaque);
+  for (int n = 0; n < count; ++n) {
+    samples[n].value = load(job.sample[0] + std::size_t(plane + n) * kPlaneSamples + std::size_t(at));
+    everywhere &= isNumber(samples[n].value);
+  }
   if (bitsOf(everywhere) != (1 << kPixelLanes) - 1)
     return false;
-  classify<SampleKind::kScalar>(job.table, sample);
-  const Mean mean = meanBetween(job.table, rays.sample, sample, everywhere);
-  const Floats halvings = mean.absorption * (job.z[plane] - rays.z) * rays.way_per_z;
-  const Ints crossed = sample.entry - rays.sample.entry;
-  if (any(((crossed > kHidingEntries) | (crossed < -kHidingEntries)) & (halvings > kHidingHalvings)))
-    return false;
-  if (any(mean.absorption > 0.0F)) {
-    Segment segment;
-    segment.mask = everywhere;
-    addMean<false>(job, state, rays, segment, mean, halvings, Lighting{});
+  for (int n = 0; n < count; ++n)
+    classify<SampleKind::kScalar>(job.table, samples[n]);
+  Mean means[count];
+  Floats halvings[count];
+  Ints hiding{};
+  Ints absorbing{};
+  for (int n = 0; n < count; ++n) {
+    const Sample& before = n == 0 ? rays.sample : samples[n - 1];
+    means[n] = meanBetween(job.table, before, samples[n], everywhere, rays.cache);
+    const Floats front = n == 0 ? rays.z : all(job.z[plane + n - 1]);
+    halvings[n] = means[n].absorption * (job.z[plane + n] - front) * rays.way_per_z;
+    const Ints crossed = samples[n].entry - before.entry;
+    hiding |= ((crossed > kHidingEntries) | (crossed < -kHidingEntries)) & (halvings[n] > kHidingHalvings);
+    absorbing |= means[n].absorption > 0.0F;
   }
-  copySample<SampleKind::kScalar>(rays.sample, sample);
-  rays.z = all(job.z[plane]);
-  rays.back = all(job.back[plane]);
+  if (any(hiding))
+    return false;
+  if (any(absorbing)) {
+    Floats opacities[count];
+    opacitiesOf<count>(halvings, opacities);
+    for (int n = 0; n < count; ++n) {
+      const Floats opacity = select(rays.opacity < kOpaque, opacities[n], all(0.0F));
+      const Floats share = (1.0F - rays.opacity) * opacity;
+      for (int c = 0; c < 3; ++c)
+        rays.colour[c] += share * means[n].colour_scale * means[n].sum[c];
+      rays.opacity += share;
+    }
+  }
+  copySample<SampleKind::kScalar>(rays.sample, samples[count - 1]);
+  rays.z = all(job.z[plane + count - 1]);
+  rays.back = all(job.back[plane + count - 1]);
   return true;
 }
 
 SOFT_VOLUME_INLINE Rays loadRays(const CompositeJob& job, const PixelState& state, int x, int y) {
   Rays rays;
   rays.pixel = (y - job.tile_y) * kTileWidth + (x - job.tile_x);
+  rays.along = all(0.0F);
+  rays.cache.index = allInts(-1);
   for (int n = 0; n < 3; ++n)
     rays.colour[n] = load(state.colour[n] + rays.pixel);
   rays.opacity = load(state.opacity + rays.pixel);
@@ -921,34 +998,56 @@ SOFT_VOLUME_INLINE void storeRays(const CompositeJob& job, const PixelState& sta
 
 template <SampleKind kind, bool shaded>
 SOFT_VOLUME_INLINE std::size_t compositeBlock(const CompositeJob& job, const PixelState& state, int x, int y) {
-  Rays rays = loadRays(job, state, x, y);
-  if (!any(rays.opacity < kOpaque))
+  const int block = ((y - job.tile_y) * kTileWidth + (x - job.tile_x)) / kPixelLanes;
+  const unsigned hits = job.hits[block];
+  if (state.block[block] == kBlockOpaque || (hits == 0 && state.block[block] == kBlockOutside && job.events.count == 0))
     return 0;
+  Rays rays = loadRays(job, state, x, y);
   classify<kind>(job.table, rays.sample);
   const int at = (y - job.tile_y + kApron) * kSampleStride + (x - job.tile_x + kPixelLanes);
   const Floats jitter = job.jitter ? jitterOf(x, y) : Floats{};
   std::size_t segments = 0;
   const bool plain = kind == SampleKind::kScalar && !shaded && state.depth == nullptr && job.clips == 0 && !job.jitter;
   float next_event_z = nextEvent(job, rays);
+  bool is_inside = state.block[block] != kBlockOutside;
   for (int plane = 0; plane < job.planes; ++plane) {
     if (next_event_z <= job.z[plane]) {
-      segments += passEvents<kind, shaded>(job, state, rays, job.z[plane], plane, at);
+      segments += passEvents<kind, shaded>(job, state, rays, job.z[plane]);
       next_event_z = nextEvent(job, rays);
+      is_inside = true;
     }
-    if (plain && job.occupied[plane] != 0 && passPlainPlane(job, state, rays, plane, at)) {
-      segments += kPixelLanes;
+    if ((hits >> plane & 1) == 0) {
+      if (is_inside && job.extra[plane] == 0) {
+        leave<kind, shaded>(job, state, rays, isNumber(rays.sample.value));
+        is_inside = false;
+      }
       continue;
+    }
+    is_inside = true;
+    if (plain) {
+      const bool two = (hits >> plane & 3) == 3 && next_event_z > job.z[plane + 1];
+      if (two && passPlainPlanes<2>(job, rays, plane, at)) {
+        segments += 2 * kPixelLanes;
+        ++plane;
+        continue;
+      }
+      if (passPlainPlanes<1>(job, rays, plane, at)) {
+        segments += kPixelLanes;
+        continue;
+      }
     }
     segments += passPlane<kind, shaded>(job, state, rays, plane, at, jitter);
     if ((plane & 3) == 3 && !any(rays.opacity < kOpaque))
       break;
   }
   if (job.last) {
-    const int plane = job.planes > 0 ? job.planes - 1 : 0;
     if (job.events.count > 0)
-      segments += passEvents<kind, shaded>(job, state, rays, kHuge, plane, at);
-    leave<kind, shaded>(job, state, rays, isNumber(rays.sample.value), plane, at);
+      segments += passEvents<kind, shaded>(job, state, rays, kHuge);
+    leave<kind, shaded>(job, state, rays, isNumber(rays.sample.value));
   }
+  state.block[block] = !any(rays.opacity < kOpaque)       ? kBlockOpaque
+                       : any(isNumber(rays.sample.value)) ? kBlockInside
+                                                          : kBlockOutside;
   storeRays(job, state, rays);
   return segments;
 }
@@ -958,7 +1057,7 @@ SOFT_VOLUME_INLINE std::size_t showBlock(const CompositeJob& job, const PixelSta
   const int at = (y - job.tile_y + kApron) * kSampleStride + (x - job.tile_x + kPixelLanes);
   const int pixel = (y - job.tile_y) * kTileWidth + (x - job.tile_x);
   for (int plane = 0; plane < job.planes; ++plane) {
-    if (job.occupied[plane] == 0)
+    if ((job.hits[pixel / kPixelLanes] >> plane & 1) == 0)
       continue;
     const Ints everywhere = allInts(-1);
     Sample sample{};

@@ -18,7 +18,8 @@ struct NativeCanvas::Tile {
   int x = 0, y = 0;
   bool opaque = false;
   std::size_t segments = 0;
-  std::vector<float> floats;  ///< ten or eleven arrays of kTilePixels
+  std::array<std::uint8_t, kTileBlocks> blocks{};  ///< as PixelState::block
+  std::vector<float> floats;                       ///< ten or eleven arrays of kTilePixels
   std::vector<std::uint16_t> labels;
   // Boundary faces in front of each pixel, as EventView.
   std::vector<float> event_z;
@@ -39,6 +40,7 @@ struct NativeCanvas::Tile {
     s.sample_back = array(9);
     s.depth = depth ? array(10) : nullptr;
     s.label = labels.empty() ? nullptr : labels.data();
+    s.block = blocks.data();
     return s;
   }
 };
@@ -49,7 +51,8 @@ struct NativeCanvas::Scratch {
   std::vector<float> face;     ///< [attribute][kPlaneSamples] of one boundary face
   std::vector<Crossing> crossings;
   std::vector<FillCorner> corners;
-  std::array<std::uint8_t, kRunPlanes> occupied{};
+  std::array<std::uint8_t, kRunPlanes> occupied{};  ///< per plane, 0 where the tile has no samples
+  std::array<std::uint16_t, kTileBlocks> hits{};    ///< as CompositeJob::hits
 
   void reserveCorners(std::size_t size) {
     if (corners.size() < size)
