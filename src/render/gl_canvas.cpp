@@ -7,6 +7,7 @@
 #include "light.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/parallel.h"
+#include "volume_texels.h"
 
 namespace soft_volume::core {
 namespace {
@@ -36,6 +37,16 @@ std::vector<std::array<Vector3f, 2>> textureBoxes(const DrawnGrid& grid) {
     boxes.push_back({box.min(), box.max()});
   }
   return boxes;
+}
+
+/// Of the numbers that are finite.
+std::array<double, 2> rangeOf(const std::vector<float>& scalars) {
+  std::array<float, 2> range = {kFar, -kFar};
+  for (const float scalar : scalars) {
+    if (std::isfinite(scalar))
+      range = {std::min(range[0], scalar), std::max(range[1], scalar)};
+  }
+  return {double(range[0]), double(range[1])};
 }
 
 /// With colours times absorption.
@@ -112,6 +123,7 @@ GlCanvas::~GlCanvas() {
 void GlCanvas::setVolume(const Volume& volume) {
   const GlContext::Current current(context_);
   objects_->volume.setVolume(volume);
+  volume_range_ = scalarRanges(volume, {{Vector3f::Zero(), Vector3f::Ones()}}).front();
   if (grid_ != nullptr)
     step_m_ = shadingStep(*grid_, &volume.geometry());
 }
@@ -125,6 +137,7 @@ void GlCanvas::setGrid(const DrawnGrid& grid) {
   const GlContext::Current current(context_);
   objects_->volume.setCells(grid.isTextured() ? textureBoxes(grid) : std::vector<std::array<Vector3f, 2>>());
   grid_ = &grid;
+  grid_range_ = rangeOf(grid.point_scalars);
   buffers_.setGrid(grid);
   mean_map_ = grid.isTextured() ? buffers_.meanTextureMap() : Matrix3(Matrix3::Zero());
   const Volume* volume = objects_->volume.volume();
@@ -152,6 +165,9 @@ GlVariant GlCanvas::variantOf(const DrawJob& job) const {
   const bool by_colour = options.lookup == Lookup::kColour && grid_->cell_scalars.empty();
   variant.source = grid_->isTextured() ? GlSource::kTexture : by_colour ? GlSource::kColour : GlSource::kScalar;
   variant.slab_values = grid_->isTextured() || !grid_->point_scalars.empty();
+  const std::array<double, 2>& range = grid_->isTextured() ? volume_range_ : grid_range_;
+  const double last_value = table_->firstValue() + (TransferTable::kSize - 1) / table_->entriesPerValue();
+  variant.beyond = range[0] < table_->firstValue() || range[1] > last_value;
   variant.cross_section = job.cross_section;
   variant.shaded = options.shading > 0.0 && !job.cross_section;
   variant.depth = options.depth || options.labels;
@@ -321,6 +337,7 @@ void GlCanvas::setFrameUniforms(const GlProgram& program) const {
   gl().Uniform4f(program["pinhole"], float(camera.cx), float(camera.cy), float(1.0 / camera.fx),
                  float(1.0 / camera.fy));
   gl().Uniform2f(program["table_map"], float(table_->firstValue()), float(table_->entriesPerValue()));
+  gl().Uniform2f(program["value_range"], float(grid_range_[0]), float(grid_range_[1]));
   gl().Uniform4fv(program["low_end"], 1, weighted(table_->entries().front()).data());
   gl().Uniform4fv(program["high_end"], 1, weighted(table_->entries().back()).data());
   gl().Uniform1f(program["surface_scale"],

@@ -79,8 +79,10 @@ class GlCanvas : public Canvas {
   const DrawnGrid* grid_ = nullptr;
   SliceBuffers buffers_;
   std::optional<TransferTable> table_;
-  double step_m_ = 1.0;                 ///< shadingStep() of grid and volume
-  Matrix3 mean_map_ = Matrix3::Zero();  ///< change of the texture coordinates per metre of the volume frame, at rest
+  std::array<double, 2> volume_range_{};  ///< scalars of the volume
+  std::array<double, 2> grid_range_{};    ///< scalars of the grid's points
+  double step_m_ = 1.0;                   ///< shadingStep() of grid and volume
+  Matrix3 mean_map_ = Matrix3::Zero();    ///< change of the texture coordinates per metre of the volume frame, at rest
 
   // While a job is drawn.
   std::optional<DrawJob> job_;

@@ -63,6 +63,7 @@ const char* const kFragmentDeclarations = R"(
 layout(binding = 1) uniform sampler1D table;
 layout(binding = 2) uniform sampler1D means;  // the integrals, then the table with colours times absorption
 uniform vec2 table_map;        // first value, entries per value
+uniform vec2 value_range;      // of the data
 uniform vec4 low_end;          // the table's first and last entry, colours times absorption
 uniform vec4 high_end;
 uniform vec4 pinhole;          // cx, cy, 1 / fx, 1 / fy
@@ -119,19 +120,23 @@ vec4 materialOf(float value) {
 // the values are close that is too little to be exact, and one look-up half way takes its place.
 vec4 classify(float from, float to) {
   int size = textureSize(table, 0);
+  float top = float(size - 1);
   float first = entryOf(from);
   float last = entryOf(to);
-  float begin = floor(clamp(first, 0.0, float(size - 1)) + 0.5);
-  float end = floor(clamp(last, 0.0, float(size - 1)) + 0.5);
-  float middle = clamp(0.5 * (first + last), 0.0, float(size - 1));
-  // A value that is inside counts as its entry, so that both ends of the division agree.
-  float before = first == clamp(first, 0.0, float(size - 1)) ? 0.0 : first - begin;
-  float behind = last == clamp(last, 0.0, float(size - 1)) ? 0.0 : last - end;
-  float count = end - begin + behind - before;
+  float begin = floor(clamp(first, 0.0, top) + 0.5);
+  float end = floor(clamp(last, 0.0, top) + 0.5);
+  float count = end - begin;
+#ifdef BEYOND
+  float before = first < 0.0 || first > top ? first - begin : 0.0;
+  float behind = last < 0.0 || last > top ? last - end : 0.0;
+  count += behind - before;
+#endif
   bool near = abs(count) < 4.0;
-  vec4 sum = texelFetch(means, near ? size + int(middle + 0.5) : int(end), 0) -
+  vec4 sum = texelFetch(means, near ? size + int(clamp(0.5 * (first + last), 0.0, top) + 0.5) : int(end), 0) -
              texelFetch(means, near ? 0 : int(begin), 0);
+#ifdef BEYOND
   if (!near) sum += behind * (behind < 0.0 ? low_end : high_end) - before * (before < 0.0 ? low_end : high_end);
+#endif
   return sum.a != 0.0 ? vec4(sum.rgb / sum.a, near ? sum.a : sum.a / count) : vec4(0.0);
 }
 #endif
@@ -239,8 +244,9 @@ void main() {
   float front = valueAt(texture_coordinate + from * view);
   float back = valueAt(texture_coordinate + to * view);
 #else
-  float front = scalar.x + from * scalar.y;
-  float back = scalar.x + to * scalar.y;
+  if (isnan(scalar.x + scalar.y)) discard;
+  float front = clamp(scalar.x + from * scalar.y, value_range.x, value_range.y);
+  float back = clamp(scalar.x + to * scalar.y, value_range.x, value_range.y);
 #endif
   if (isnan(front + back)) discard;
   vec4 material = classify(front, back);
@@ -301,6 +307,7 @@ std::string switches(const GlVariant& variant) {
   define(variant.source == GlSource::kScalar, "SCALAR");
   define(variant.source == GlSource::kColour, "COLOUR");
   define(variant.slab_values, "SLAB_VALUES");
+  define(variant.beyond, "BEYOND");
   define(variant.shaded, "SHADED");
   define(variant.depth, "DEPTH");
   define(variant.labels, "LABELS");

@@ -17,6 +17,7 @@ enum class GlSource {
 struct GlVariant {
   GlSource source = GlSource::kTexture;
   bool slab_values = true;  ///< the scalar changes along the ray inside a slab
+  bool beyond = true;       ///< the scalar leaves the transfer function's range
   bool shaded = false;
   bool depth = false;   ///< depth, and the label if `labels`
   bool labels = false;  ///< of textures
@@ -27,7 +28,8 @@ struct GlVariant {
   bool cross_section = false;
 
   unsigned key() const {
-    const bool bits[] = {slab_values, shaded, depth, labels, clipped, jitter, parallel, mipmapped, cross_section};
+    const bool bits[] = {slab_values, beyond, shaded,   depth,     labels,
+                         clipped,     jitter, parallel, mipmapped, cross_section};
     unsigned key = unsigned(source);
     for (const bool bit : bits)
       key = key * 2 + unsigned(bit);
