@@ -37,5 +37,6 @@ int main(int argc, char** argv) {
     return 2;
   benchmark::RunSpecifiedBenchmarks();
   benchmark::Shutdown();
+  benchmark::ClearRegisteredBenchmarks();  // they hold OpenGL contexts, which must go before Mesa does
   return 0;
 }

@@ -28,7 +28,7 @@ class Medians:
             if row.get("error_occurred"):
                 self.failures[row["run_name"]] = row["error_message"]
             elif row.get("aggregate_name") == "median":
-                self.rows[row["run_name"].replace("/real_time", "")] = row
+                self.rows[row["run_name"].replace("/process_time/real_time", "")] = row
 
     def time(self, name):
         """Of the thread for one thread, so that other programs matter less; of the clock for several."""
