@@ -216,14 +216,14 @@ class Renderer::Impl {
       throw InputError("set a segmentation before asking for the label image");
     Stopwatch watch;
     const View view = choosePlanes(camera, positions, options);
-    const PixelRect rect = dirtyRect(camera, positions, options);
+    const PixelRect rect = dirtyRect(camera, positions, options, view);
     startFrame(camera, options, rect);
     frame_.transform_ms = watch.lap();
     if (canvas_)
       drawSlices(camera, options, view, rect);
     else
       drawExactly(camera, options, rect);
-    remember(camera, positions, options);
+    remember(camera, positions, options, view);
     return frame_;
   }
 
@@ -261,7 +261,7 @@ class Renderer::Impl {
     const SliceMesh mesh = seenFrom(camera);
     startFrame(camera, last_->options, wholeImage(camera));
     frame_.transform_ms = watch.lap();
-    canvas_->begin(jobFor(camera, last_->options, wholeImage(camera), last_->planes, false));
+    canvas_->begin(jobFor(camera, last_->options, wholeImage(camera), last_->view.planes, false));
     canvas_->draw(mesh);
     canvas_->finish(frame_);
     frame_.render_ms = watch.lap();
@@ -280,6 +280,7 @@ class Renderer::Impl {
  private:
   struct View {
     SlicePlanes planes;
+    bool all_planes = true;  ///< false where the grid is deeper than the most planes that are drawn
   };
 
   /// What the last frame was drawn from.
@@ -288,7 +289,7 @@ class Renderer::Impl {
     RenderOptions options;
     std::vector<Vector3f> positions;  ///< volume frame
     std::vector<Vector3f> camera_positions;
-    SlicePlanes planes;
+    View view;
     std::vector<float> extra_planes;
   };
 
@@ -343,18 +344,31 @@ class Renderer::Impl {
     const std::array<double, 2>& rest = isEmpty(*rest_range_) ? deformed : *rest_range_;
     const double distance_m = options.step_m > 0.0 ? options.step_m : (rest[1] - rest[0]) / options.slices;
     const int wanted = options.step_m > 0.0 ? kMaxPlanes : kMaxSliceFactor * options.slices;
-    return {planesThrough(deformed, rest[0], distance_m, wanted)};
+    const SlicePlanes planes = planesThrough(deformed, rest[0], distance_m, wanted);
+    return {planes, planes.count < wanted};
+  }
+
+  /// True when pixels in which nothing moved may have other planes than in the last frame: those of another ladder, or
+  /// because the hindmost were left out.
+  bool changesOtherPlanes(const View& view) const {
+    const SlicePlanes& before = last_->view.planes;
+    const SlicePlanes& now = view.planes;
+    return now.anchor_m != before.anchor_m || now.distance_m != before.distance_m ||
+           (now.first_number != before.first_number && !(view.all_planes && last_->view.all_planes));
   }
 
   /// Where the image may differ from the last one.
-  PixelRect dirtyRect(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options) {
+  PixelRect dirtyRect(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options,
+                      const View& view) {
     if (!last_ || !shows_last_ || !equal(last_->camera, camera) || !equal(last_->options, options))
+      return wholeImage(camera);
+    if (canvas_ && changesOtherPlanes(view))
       return wholeImage(camera);
     std::vector<std::uint8_t> changed(positions.size());
     for (std::size_t i = 0; i < positions.size(); ++i)
       changed[i] = positions[i] != last_->positions[i];
-    // OpenGL's normals are averaged over the cells around a vertex.
-    if (backend_ == Backend::kGl)
+    // Normals are averaged over the cells around a vertex.
+    if (backend_ != Backend::kNative)
       spread(changed);
     Eigen::AlignedBox2d box;
     for (std::size_t cell = 0; cell < grid_.cellCount(); ++cell) {
@@ -417,7 +431,6 @@ class Renderer::Impl {
 
   void drawSlices(const Camera& camera, const RenderOptions& options, const View& view, PixelRect rect,
                   bool cross_section = false) {
-    planes_ = view.planes;
     const int threads = threadsFor(options.threads);
     Stopwatch watch;
     if (rect.empty() || view.planes.count == 0) {
@@ -469,15 +482,16 @@ class Renderer::Impl {
     frame_.render_ms = watch.lap();
   }
 
-  void remember(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options) {
-    last_ = Last{camera, options, positions, slicer_.positions(), planes_, planes_extra_};
+  void remember(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options,
+                const View& view) {
+    last_ = Last{camera, options, positions, slicer_.positions(), view, planes_extra_};
     stored_.reset();
     shows_last_ = true;
   }
 
   void storeSlices() {
     slicer_.transform(last_->camera, last_->positions, threadsFor(last_->options.threads));
-    slicer_.bucket(last_->camera, last_->planes, skipped_, wholeImage(last_->camera), last_->options.adaptive);
+    slicer_.bucket(last_->camera, last_->view.planes, skipped_, wholeImage(last_->camera), last_->options.adaptive);
     stored_.emplace();
     slicer_.slice(0, slicer_.planeCount(), threadsFor(last_->options.threads), *stored_);
   }
@@ -597,7 +611,6 @@ class Renderer::Impl {
   std::vector<std::array<double, 2>> ranges_;  ///< per cell, scalars; NaN where there is none
   std::vector<std::uint8_t> skipped_;          ///< per cell, 1 where the transfer function shows nothing
   std::optional<DrawJob> job_;
-  SlicePlanes planes_;
   std::vector<float> planes_extra_;
   Frame frame_;
   std::optional<Last> last_;
