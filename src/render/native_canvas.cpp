@@ -127,6 +127,45 @@ TexelView texelView(const VolumeTexels& texels, const Vector3i& dims, std::vecto
   return view;
 }
 
+/// Smallest and largest texel that interpolation can meet in each brick.
+template <typename Texel>
+std::vector<std::array<float, 2>> rangesOf(const TexelView& view, const std::array<int, 3>& bricks, int threads) {
+  std::vector<std::array<float, 2>> ranges(std::size_t(bricks[0]) * std::size_t(bricks[1]) * std::size_t(bricks[2]));
+  const auto* texels = static_cast<const Texel*>(view.texels);
+  parallelFor(std::ptrdiff_t(ranges.size()), threads, [&](std::ptrdiff_t brick) {
+    const std::array<int, 3> at = {int(brick) % bricks[0], int(brick) / bricks[0] % bricks[1],
+                                   int(brick) / (bricks[0] * bricks[1])};
+    std::array<int, 3> end{};
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      end[axis] = std::min(view.dims[axis], (at[axis] + 1) * kBrickTexels + 1);
+    std::array<float, 2> range = {std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()};
+    for (int k = at[2] * kBrickTexels; k < end[2]; ++k) {
+      for (int j = at[1] * kBrickTexels; j < end[1]; ++j) {
+        const Texel* row = texels + std::size_t(j) * view.row + std::size_t(k) * view.slice;
+        for (int i = at[0] * kBrickTexels; i < end[0]; ++i) {
+          range[0] = std::min(range[0], float(row[i]));  // NaN changes neither
+          range[1] = std::max(range[1], float(row[i]));
+        }
+      }
+    }
+    ranges[std::size_t(brick)] = range;
+  });
+  return ranges;
+}
+
+/// Spreads marks to the neighbours along one axis.
+void spread(const std::array<int, 3>& bricks, std::size_t axis, std::vector<std::uint8_t>& marks) {
+  const std::vector<std::uint8_t> before = marks;
+  const std::array<int, 3> strides = {1, bricks[0], bricks[0] * bricks[1]};
+  for (std::size_t brick = 0; brick < marks.size(); ++brick) {
+    const int at = int(brick) / strides[axis] % bricks[axis];
+    if (at > 0)
+      marks[brick] = std::uint8_t(marks[brick] | before[brick - std::size_t(strides[axis])]);
+    if (at + 1 < bricks[axis])
+      marks[brick] = std::uint8_t(marks[brick] | before[brick + std::size_t(strides[axis])]);
+  }
+}
+
 std::vector<std::uint16_t> labelsOf(const Volume& volume) {
   const Vector3i& dims = volume.geometry().dims;
   std::vector<std::uint16_t> labels;
@@ -156,6 +195,34 @@ void NativeCanvas::setVolume(const Volume& volume) {
   volume_geometry_ = volume.geometry();
   padded_texels_.clear();
   volume_view_ = texelView(*texels_, volume_geometry_.dims, padded_texels_);
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    bricks_[axis] = (volume_view_.dims[axis] + kBrickTexels - 1) / kBrickTexels;
+  const int threads = threadsFor(0);
+  if (volume_view_.type == 0)
+    brick_ranges_ = rangesOf<std::int16_t>(volume_view_, bricks_, threads);
+  else if (volume_view_.type == 1)
+    brick_ranges_ = rangesOf<std::uint16_t>(volume_view_, bricks_, threads);
+  else
+    brick_ranges_ = rangesOf<float>(volume_view_, bricks_, threads);
+  brick_visible_.clear();
+}
+
+/// Bricks that show something, and those around them.
+void NativeCanvas::findVisibleBricks() {
+  volume_view_.visible = nullptr;
+  if (kind_ != SampleKind::kTexture)
+    return;
+  if (brick_visible_.empty()) {
+    for (const auto& range : brick_ranges_)
+      brick_visible_.push_back(range[0] <= range[1] && !table_->isTransparent(range[0], range[1]));
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      spread(bricks_, axis, brick_visible_);
+  }
+  // A deformation may press more voxels between two planes: up to twice as many are provided for.
+  if (job_->planes.distance_m <= kBrickTexels * volume_geometry_.spacing_m.minCoeff())
+    volume_view_.visible = brick_visible_.data();
+  volume_view_.brick_row = bricks_[0];
+  volume_view_.brick_slice = bricks_[0] * bricks_[1];
 }
 
 void NativeCanvas::setLabels(const Volume* labels) {
@@ -170,6 +237,7 @@ void NativeCanvas::setLabels(const Volume* labels) {
 
 void NativeCanvas::setTable(const TransferTable& table) {
   table_ = &table;
+  brick_visible_.clear();
 }
 
 void NativeCanvas::setGrid(const DrawnGrid& grid) {
@@ -276,6 +344,7 @@ void NativeCanvas::begin(const DrawJob& job) {
   polygons_ = 0;
   slices_ = 0;
   prepareColours();
+  findVisibleBricks();
   prepareTiles();
   prepareJob();
   if (job.options.exact_boundary && !job.cross_section)

@@ -39,6 +39,7 @@ class NativeCanvas : public Canvas {
   void prepareTiles();
   void prepareJob();
   void prepareColours();
+  void findVisibleBricks();
   void prepareValues(const SliceMesh& mesh);
   void binPolygons(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice);
   void drawRun(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice, bool last);
@@ -71,6 +72,9 @@ class NativeCanvas : public Canvas {
   VolumeGeometry volume_geometry_;
   std::vector<std::uint16_t> labels_;
   LabelView label_view_{};
+  std::vector<std::array<float, 2>> brick_ranges_;  ///< smallest and largest scalar of every brick
+  std::array<int, 3> bricks_{};
+  std::vector<std::uint8_t> brick_visible_;  ///< as TexelView::visible; empty when the table has changed since
   std::vector<float> colours_;               ///< per vertex or cell of the grid, four each: kColour
   std::vector<GridFace> boundary_;           ///< of the cells that are drawn
   std::vector<std::uint8_t> boundary_skip_;  ///< what boundary_ was made for

@@ -69,12 +69,20 @@ struct TableView {
   int size;
 };
 
+/// Side of a brick, as a power of two. The way between two samples in invisible bricks shows nothing as long as it is
+/// no longer than two bricks: a visible one is at least a brick away from both.
+constexpr int kBrickShift = 2;
+constexpr int kBrickTexels = 1 << kBrickShift;
+
 /// The volume's texels, at least two along each axis.
 struct TexelView {
   const void* texels;
   int type;  ///< 0: int16, 1: uint16, 2: float32
   int dims[3];
   std::size_t row, slice;  ///< texels from one row to the next, from one slice to the next
+  /// Per brick of kBrickTexels^3, x fastest: 0 where neither it nor a brick around it shows anything. Null: not known.
+  const std::uint8_t* visible;
+  int brick_row, brick_slice;
 };
 
 /// What is known of a block of pixels.

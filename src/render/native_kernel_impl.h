@@ -318,55 +318,110 @@ SOFT_VOLUME_INLINE Ints entryOf(const TableView& table, const Floats& value) {
   return toInts(clamp((value - table.first_value) * table.entries_per_value, 0.0F, float(table.size - 1)) + 0.5F);
 }
 
-template <typename Texel>
-SOFT_VOLUME_INLINE Floats trilinearTexels(const TexelView& volume, const Ints& x, const Ints& y, const Ints& z,
-                                          const Floats& fx, const Floats& fy, const Floats& fz, int wanted) {
+/// Where in the volume: the texel before a place, and how far behind it the place lies.
+struct Place {
+  Ints x, y, z;
+  Floats fx, fy, fz;
+};
+
+/// Clamped to the volume.
+SOFT_VOLUME_INLINE Place placeOf(const TexelView& volume, const Floats* voxel) {
+  const Floats x = clamp(voxel[0], 0.0F, float(volume.dims[0] - 1));
+  const Floats y = clamp(voxel[1], 0.0F, float(volume.dims[1] - 1));
+  const Floats z = clamp(voxel[2], 0.0F, float(volume.dims[2] - 1));
+  Place place;
+  place.x = toInts(smaller(x, all(float(volume.dims[0] - 2))));
+  place.y = toInts(smaller(y, all(float(volume.dims[1] - 2))));
+  place.z = toInts(smaller(z, all(float(volume.dims[2] - 2))));
+  place.fx = x - toFloats(place.x);
+  place.fy = y - toFloats(place.y);
+  place.fz = z - toFloats(place.z);
+  return place;
+}
+
+/// Two texels that follow each other, as loaded with one instruction where they have 16 bits.
+SOFT_VOLUME_INLINE void splitPair(const std::int32_t* pairs, std::int16_t, Floats& first, Floats& second) {
+  Ints both;
+  __builtin_memcpy(&both, pairs, sizeof(both));
+  first = toFloats((both << 16) >> 16);
+  second = toFloats(both >> 16);
+}
+SOFT_VOLUME_INLINE void splitPair(const std::int32_t* pairs, std::uint16_t, Floats& first, Floats& second) {
+  Ints both;
+  __builtin_memcpy(&both, pairs, sizeof(both));
+  first = toFloats(both & 0xFFFF);
+  second = toFloats((both >> 16) & 0xFFFF);
+}
+SOFT_VOLUME_INLINE void splitPair(const std::int64_t* pairs, float, Floats& first, Floats& second) {
+  float texels[2 * kPixelLanes];
+  __builtin_memcpy(texels, pairs, sizeof(texels));
+  for (int n = 0; n < kPixelLanes; ++n) {
+    first[n] = texels[2 * n];
+    second[n] = texels[2 * n + 1];
+  }
+}
+
+/// The rows of two texels around each lane's place. Lanes that are not wanted get what was there.
+template <typename Texel, typename Pair>
+SOFT_VOLUME_INLINE void loadPairs(const TexelView& volume, const Place& place, int wanted,
+                                  Pair (&pairs)[4][kPixelLanes]) {
   const Texel* texels = static_cast<const Texel*>(volume.texels);
-  Floats corner[8] = {};
+  std::int32_t x[kPixelLanes];
+  std::int32_t y[kPixelLanes];
+  std::int32_t z[kPixelLanes];
+  __builtin_memcpy(x, &place.x, sizeof(x));
+  __builtin_memcpy(y, &place.y, sizeof(y));
+  __builtin_memcpy(z, &place.z, sizeof(z));
   for (int n = 0; n < kPixelLanes; ++n) {
     if ((wanted >> n & 1) == 0)
       continue;
     const Texel* at = texels + std::size_t(x[n]) + std::size_t(y[n]) * volume.row + std::size_t(z[n]) * volume.slice;
-    const Texel* behind = at + volume.slice;
-    corner[0][n] = float(at[0]);
-    corner[1][n] = float(at[1]);
-    corner[2][n] = float(at[volume.row]);
-    corner[3][n] = float(at[volume.row + 1]);
-    corner[4][n] = float(behind[0]);
-    corner[5][n] = float(behind[1]);
-    corner[6][n] = float(behind[volume.row]);
-    corner[7][n] = float(behind[volume.row + 1]);
+    __builtin_memcpy(&pairs[0][n], at, sizeof(Pair));
+    __builtin_memcpy(&pairs[1][n], at + volume.row, sizeof(Pair));
+    __builtin_memcpy(&pairs[2][n], at + volume.slice, sizeof(Pair));
+    __builtin_memcpy(&pairs[3][n], at + volume.slice + volume.row, sizeof(Pair));
   }
-  for (int n = 0; n < 8; n += 2)
-    corner[n] = corner[n] + fx * (corner[n + 1] - corner[n]);
-  const Floats front = corner[0] + fy * (corner[2] - corner[0]);
-  const Floats back = corner[4] + fy * (corner[6] - corner[4]);
-  return front + fz * (back - front);
 }
 
-struct Place {
-  Floats x, y, z;
-};
+template <typename Texel, typename Pair>
+SOFT_VOLUME_INLINE Floats trilinearTexels(const TexelView& volume, const Place& place, int wanted) {
+  Pair pairs[4][kPixelLanes] = {};
+  loadPairs<Texel>(volume, place, wanted, pairs);
+  Floats row[4];
+  for (int n = 0; n < 4; ++n) {
+    Floats first;
+    Floats second;
+    splitPair(pairs[n], Texel(), first, second);
+    row[n] = first + place.fx * (second - first);
+  }
+  const Floats front = row[0] + place.fy * (row[1] - row[0]);
+  const Floats back = row[2] + place.fy * (row[3] - row[2]);
+  return front + place.fz * (back - front);
+}
 
 /// The scalar at a place given in voxels, clamped to the volume; lanes that are not wanted get anything.
-SOFT_VOLUME_INLINE Floats fetch(const TexelView& volume, const Place& place, int wanted) {
-  const Floats px = clamp(place.x, 0.0F, float(volume.dims[0] - 1));
-  const Floats py = clamp(place.y, 0.0F, float(volume.dims[1] - 1));
-  const Floats pz = clamp(place.z, 0.0F, float(volume.dims[2] - 1));
-  const Ints x = toInts(smaller(px, all(float(volume.dims[0] - 2))));
-  const Ints y = toInts(smaller(py, all(float(volume.dims[1] - 2))));
-  const Ints z = toInts(smaller(pz, all(float(volume.dims[2] - 2))));
-  const Floats fx = px - toFloats(x);
-  const Floats fy = py - toFloats(y);
-  const Floats fz = pz - toFloats(z);
-  Floats value;
+SOFT_VOLUME_INLINE Floats fetch(const TexelView& volume, const Floats* voxel, int wanted) {
+  const Place place = placeOf(volume, voxel);
   if (volume.type == 0)
-    value = trilinearTexels<std::int16_t>(volume, x, y, z, fx, fy, fz, wanted);
-  else if (volume.type == 1)
-    value = trilinearTexels<std::uint16_t>(volume, x, y, z, fx, fy, fz, wanted);
-  else
-    value = trilinearTexels<float>(volume, x, y, z, fx, fy, fz, wanted);
-  return value;
+    return trilinearTexels<std::int16_t, std::int32_t>(volume, place, wanted);
+  if (volume.type == 1)
+    return trilinearTexels<std::uint16_t, std::int32_t>(volume, place, wanted);
+  return trilinearTexels<float, std::int64_t>(volume, place, wanted);
+}
+
+/// Lanes in or next to a brick that shows something.
+SOFT_VOLUME_INLINE Ints isVisible(const TexelView& volume, const Floats* voxel, int wanted) {
+  if (volume.visible == nullptr)
+    return allInts(-1);
+  const Place place = placeOf(volume, voxel);
+  const Ints brick = (place.x >> kBrickShift) + (place.y >> kBrickShift) * volume.brick_row +
+                     (place.z >> kBrickShift) * volume.brick_slice;
+  Ints visible{};
+  for (int n = 0; n < kPixelLanes; ++n) {
+    if ((wanted >> n & 1) != 0)
+      visible[n] = volume.visible[brick[n]] != 0 ? -1 : 0;
+  }
+  return visible;
 }
 
 /// A sample of eight rays. Only what its kind needs is set.
@@ -406,7 +461,8 @@ struct Rays {
   Floats way_per_z;
   Floats slope_x, slope_y;
   Floats clip_front, clip_back;
-  Floats along;  ///< change of the scalar per metre of depth before the last plane
+  Floats moment;  ///< of what the segment at hand has added: opacity times twice the depth
+  Floats along;   ///< change of the scalar per metre of depth before the last plane
   EntryCache cache;
   int pixel;  ///< in the tile
 };
@@ -447,7 +503,7 @@ SOFT_VOLUME_INLINE void sampleBetween(const CompositeJob& job, const Sample& a, 
   for (int n = 0; n < 3 && kind != SampleKind::kScalar; ++n)
     s.more[n] = between(a.more[n], b.more[n], t);
   if (kind == SampleKind::kTexture)
-    s.value = fetch(job.volume, {s.more[0], s.more[1], s.more[2]}, wanted);
+    s.value = fetch(job.volume, s.more, wanted);
   else
     s.value = between(a.value, b.value, t);
   classify<kind>(job.table, s);
@@ -527,29 +583,16 @@ SOFT_VOLUME_INLINE void setDepth(const CompositeJob& job, const PixelState& stat
   }
 }
 
-/// How a surface is lit, for all colours alike.
-struct Lighting {
-  Floats brightness, highlight;
-};
-
 /// Adds a stretch of one material to the rays: emission and absorption, front to back.
-template <bool shaded>
 SOFT_VOLUME_INLINE void addMean(const CompositeJob& job, const PixelState& state, Rays& rays, const Segment& segment,
-                                const Mean& mean, const Floats& halvings, const Lighting& lighting) {
+                                const Mean& mean, const Floats& halvings) {
   Floats opacity;
   opacitiesOf<1>(&halvings, &opacity);
   opacity = select(segment.mask, opacity, all(0.0F));
   const Floats share = (1.0F - rays.opacity) * opacity;
-  for (int n = 0; n < 3; ++n) {
-    Floats added;
-    if (shaded) {
-      const Floats lit = mean.sum[n] * mean.colour_scale * lighting.brightness + lighting.highlight;
-      added = share * smaller(lit, all(1.0F));
-    } else {
-      added = share * mean.colour_scale * mean.sum[n];
-    }
-    rays.colour[n] += select(segment.mask, added, all(0.0F));  // other lanes may hold NaN
-  }
+  for (int n = 0; n < 3; ++n)  // other lanes may hold NaN
+    rays.colour[n] += select(segment.mask, share * mean.colour_scale * mean.sum[n], all(0.0F));
+  rays.moment += select(segment.mask, share * (segment.front + segment.back), all(0.0F));
   const Floats after = rays.opacity + share;
   if (state.depth != nullptr)
     setDepth(job, state, rays, segment, rays.opacity, after, halvings);
@@ -567,10 +610,11 @@ constexpr int kHidingEntries = 8;
 constexpr float kHidingHalvings = 0.4F;
 /// Part of the table that a volume's scalar may cross between two samples.
 constexpr int kTextureEntriesShare = 40;
+constexpr float kPartedHalvings = 0.1F;
 
-template <SampleKind kind, bool shaded>
+template <SampleKind kind>
 __attribute__((noinline)) void addParts(const CompositeJob& job, const PixelState& state, Rays& rays,
-                                        const Segment& segment, const Lighting& lighting) {
+                                        const Segment& segment) {
   Segment part;
   copySample<kind>(part.from, segment.from);
   part.front = segment.front;
@@ -584,7 +628,7 @@ __attribute__((noinline)) void addParts(const CompositeJob& job, const PixelStat
     part.back = n < kParts ? between(segment.front, segment.back, t) : segment.back;
     part.mask = segment.mask & isNumber(part.to.value) & isNumber(part.from.value);
     const Mean mean = meanOf<kind>(job, part, rays.cache);
-    addMean<shaded>(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption), lighting);
+    addMean(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption));
     copySample<kind>(part.from, part.to);
     part.front = part.back;
   }
@@ -611,47 +655,58 @@ SOFT_VOLUME_INLINE void pixelDifferences(const float* sample, int at, Floats& ri
   down = difference(load(sample + at - kSampleStride), middle, load(sample + at + kSampleStride));
 }
 
-/// Gradient of the scalar in the camera frame around the sample of plane `plane`: across the ray from what the
-/// neighbouring pixels saw, along it from the sample before.
-template <SampleKind kind>
-SOFT_VOLUME_INLINE Gradient gradientAt(const CompositeJob& job, const Rays& rays, const Segment& segment, int plane,
-                                       int at, int wanted) {
-  const float scale_x = job.perspective ? job.pixel_x / job.z[plane] : job.pixel_x;
-  const float scale_y = job.perspective ? job.pixel_y / job.z[plane] : job.pixel_y;
-  const std::size_t offset = std::size_t(plane) * kPlaneSamples;
-  Floats across_x;
-  Floats across_y;
-  if (kind == SampleKind::kTexture) {
-    // Where a step of normal_step to the right and downwards leads in the volume.
-    Floats right[3];
-    Floats down[3];
-    for (int n = 0; n < 3; ++n) {
-      pixelDifferences(job.sample[n] + offset, at, right[n], down[n]);
-      right[n] = right[n] * (scale_x * job.normal_step);
-      down[n] = down[n] * (scale_y * job.normal_step);
-    }
-    const Sample& centre = segment.to;
-    Floats side[3];
-    for (int n = 0; n < 3; ++n) {
-      const float across = n == 0 ? 1.0F : -0.5F;
-      const float below = n == 0 ? 0.0F : (n == 1 ? 0.8660254F : -0.8660254F);
-      const Place place = {centre.more[0] + across * right[0] + below * down[0],
-                           centre.more[1] + across * right[1] + below * down[1],
-                           centre.more[2] + across * right[2] + below * down[2]};
-      side[n] = fetch(job.volume, place, wanted);
-    }
-    const float per_step = 1.0F / (1.5F * job.normal_step);
-    across_x = (side[0] - 0.5F * (side[1] + side[2])) * per_step;
-    across_y = 0.8660254F * (side[1] - side[2]) * per_step;
-  } else {
+/// From the gradient's parts across the ray and along it, per metre of depth.
+SOFT_VOLUME_INLINE Gradient inCameraFrame(const Rays& rays, const Floats& x, const Floats& y, const Floats& along) {
+  return {x, y, along - rays.slope_x * x - rays.slope_y * y};
+}
+
+/// Gradient of a volume in the camera frame at part `t` of a segment: from four samples around it at the corners of a
+/// tetrahedron, about normal_step away. Where steps across the ray lead in the volume is what the neighbouring pixels
+/// of the plane tell, so the deformation is followed.
+SOFT_VOLUME_INLINE Gradient textureGradient(const CompositeJob& job, const Rays& rays, const Segment& segment,
+                                            int plane, int at, const Floats& t, int wanted) {
+  const float step = 0.6F * job.normal_step;
+  const float step_x = step * (job.perspective ? job.pixel_x / job.z[plane] : job.pixel_x);
+  const float step_y = step * (job.perspective ? job.pixel_y / job.z[plane] : job.pixel_y);
+  const Floats step_z = step / (segment.back - segment.front);
+  Floats corners[4][3];
+  for (int axis = 0; axis < 3; ++axis) {
     Floats right;
     Floats down;
-    pixelDifferences(job.sample[0] + offset, at, right, down);
-    across_x = right * scale_x;
-    across_y = down * scale_y;
+    pixelDifferences(job.sample[axis] + std::size_t(plane) * kPlaneSamples, at, right, down);
+    right = right * step_x;
+    down = down * step_y;
+    const Floats way = segment.to.more[axis] - segment.from.more[axis];
+    const Floats centre = segment.from.more[axis] + t * way;
+    const Floats along = way * step_z;
+    corners[0][axis] = centre + right + down + along;
+    corners[1][axis] = centre + right - down - along;
+    corners[2][axis] = centre - right + down - along;
+    corners[3][axis] = centre - right - down + along;
   }
-  return {across_x, across_y, rays.along - rays.slope_x * across_x - rays.slope_y * across_y};
+  Floats s[4];
+  for (int n = 0; n < 4; ++n)
+    s[n] = fetch(job.volume, corners[n], wanted);
+  const float per_step = 0.25F / step;
+  return inCameraFrame(rays, ((s[0] + s[1]) - (s[2] + s[3])) * per_step, ((s[0] + s[2]) - (s[1] + s[3])) * per_step,
+                       ((s[0] + s[3]) - (s[1] + s[2])) * per_step);
 }
+
+/// Gradient of a grid's own scalar around the sample of plane `plane`: across the ray from what the neighbouring pixels
+/// saw, along it from the sample before.
+SOFT_VOLUME_INLINE Gradient scalarGradient(const CompositeJob& job, const Rays& rays, int plane, int at) {
+  Floats right;
+  Floats down;
+  pixelDifferences(job.sample[0] + std::size_t(plane) * kPlaneSamples, at, right, down);
+  const float scale_x = job.perspective ? job.pixel_x / job.z[plane] : job.pixel_x;
+  const float scale_y = job.perspective ? job.pixel_y / job.z[plane] : job.pixel_y;
+  return inCameraFrame(rays, right * scale_x, down * scale_y, rays.along);
+}
+
+/// How a surface is lit, for all colours alike.
+struct Lighting {
+  Floats brightness, highlight;
+};
 
 /// Light on the surface that the gradient makes, from either side; where the gradient is weak there is no surface, only
 /// a mean brightness.
@@ -704,14 +759,55 @@ SOFT_VOLUME_INLINE Ints needsParts(const CompositeJob& job, const Segment& segme
   if (kind == SampleKind::kScalar)
     return (crossed > kHidingEntries) & (halvings > kHidingHalvings);
   // A transparent mean may hide a peak between two samples of the volume, so it is looked at more closely as well.
-  return (crossed > job.table.size / kTextureEntriesShare) &
-         ((mean.absorption > 0.0F) | (crossed > job.table.size / 4));
+  return ((crossed > job.table.size / kTextureEntriesShare) & (halvings > kPartedHalvings)) |
+         ((crossed > job.table.size / 4) & (mean.absorption == 0.0F));
 }
 
 /// Where a ray leaves the grid, no plane is near whose samples would tell of a surface.
 constexpr int kNoPlane = -1;
 
 /// Integrates the transfer function over a segment into the rays. `plane` is the one that it ends at.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE void addSegmentUnlit(const CompositeJob& job, const PixelState& state, Rays& rays,
+                                        Segment& segment) {
+  const Mean mean = meanOf<kind>(job, segment, rays.cache);
+  const Floats halvings = halvingsOf(rays, segment, mean.absorption);
+  const Ints mask = segment.mask;
+  const Ints in_parts = needsParts<kind>(job, segment, mean, halvings) & mask;
+  segment.mask = mask & ~in_parts & (mean.absorption > 0.0F);
+  if (any(segment.mask))
+    addMean(job, state, rays, segment, mean, halvings);
+  segment.mask = in_parts;
+  if (any(in_parts))
+    addParts<kind>(job, state, rays, segment);
+  segment.mask = mask;
+}
+
+/// Lights what a segment has added to the rays, at the place where most of it lies: so the light does not depend on
+/// where the planes cut a surface.
+template <SampleKind kind>
+SOFT_VOLUME_INLINE void lightSegment(const CompositeJob& job, Rays& rays, const Segment& segment, int plane, int at,
+                                     const Floats* colour_before, const Floats& opacity_before) {
+  const Floats share = rays.opacity - opacity_before;
+  const Ints added = segment.mask & (share > 0.0F);
+  const int wanted = bitsOf(added);
+  if (wanted == 0)
+    return;
+  Gradient gradient = {Floats{}, Floats{}, Floats{}};
+  if (plane != kNoPlane && kind == SampleKind::kTexture) {
+    const Floats depth = 0.5F * rays.moment / select(added, share, all(1.0F));
+    const Floats t = clamp((depth - segment.front) / (segment.back - segment.front), 0.0F, 1.0F);
+    gradient = textureGradient(job, rays, segment, plane, at, t, wanted);
+  } else if (plane != kNoPlane) {
+    gradient = scalarGradient(job, rays, plane, at);
+  }
+  const Lighting lighting = lightOn(job, gradient);
+  for (int n = 0; n < 3; ++n) {
+    const Floats lit = (rays.colour[n] - colour_before[n]) * lighting.brightness + share * lighting.highlight;
+    rays.colour[n] = select(added, colour_before[n] + smaller(lit, share), rays.colour[n]);
+  }
+}
+
 template <SampleKind kind, bool shaded>
 SOFT_VOLUME_INLINE void addSegment(const CompositeJob& job, const PixelState& state, Rays& rays, Segment& segment,
                                    int plane, int at) {
@@ -720,25 +816,12 @@ SOFT_VOLUME_INLINE void addSegment(const CompositeJob& job, const PixelState& st
     clipSegment<kind>(job, rays, segment);
   if (!any(segment.mask))
     return;
-  const Mean mean = meanOf<kind>(job, segment, rays.cache);
-  const Floats halvings = halvingsOf(rays, segment, mean.absorption);
-  const Ints in_parts = needsParts<kind>(job, segment, mean, halvings) & segment.mask;
-  segment.mask &= mean.absorption > 0.0F;
-  if (!any(segment.mask | in_parts))
-    return;
-  Lighting lighting;
-  if (shaded) {
-    const Gradient none = {Floats{}, Floats{}, Floats{}};
-    lighting = lightOn(job, plane == kNoPlane
-                                ? none
-                                : gradientAt<kind>(job, rays, segment, plane, at, bitsOf(segment.mask | in_parts)));
-  }
-  segment.mask &= ~in_parts;
-  if (any(segment.mask))
-    addMean<shaded>(job, state, rays, segment, mean, halvings, lighting);
-  segment.mask = in_parts;
-  if (any(in_parts))
-    addParts<kind, shaded>(job, state, rays, segment, lighting);
+  rays.moment = all(0.0F);
+  const Floats colour_before[3] = {rays.colour[0], rays.colour[1], rays.colour[2]};
+  const Floats opacity_before = rays.opacity;
+  addSegmentUnlit<kind>(job, state, rays, segment);
+  if (shaded)
+    lightSegment<kind>(job, rays, segment, plane, at, colour_before, opacity_before);
 }
 
 /// jitterAt() of light.h for eight pixels, from 0 on.
@@ -752,8 +835,14 @@ SOFT_VOLUME_INLINE Floats jitterOf(int x, int y) {
   return noise;
 }
 
+/// Value of a sample that nobody needed yet: it lies where a volume shows nothing.
+SOFT_VOLUME_INLINE Floats pending() {
+  return all(__builtin_inff());
+}
+
+/// What the tile was filled with. The value of a volume's sample is pending.
 template <SampleKind kind>
-SOFT_VOLUME_INLINE Sample readSample(const CompositeJob& job, int plane, int at, const Ints& alive) {
+SOFT_VOLUME_INLINE Sample readSample(const CompositeJob& job, int plane, int at) {
   const std::size_t place = std::size_t(plane) * kPlaneSamples + std::size_t(at);
   Sample sample;
   const Floats first = load(job.sample[0] + place);
@@ -764,16 +853,31 @@ SOFT_VOLUME_INLINE Sample readSample(const CompositeJob& job, int plane, int at,
   sample.more[0] = first;
   sample.more[1] = load(job.sample[1] + place);
   sample.more[2] = load(job.sample[2] + place);
-  if (kind == SampleKind::kColour) {
-    sample.value = load(job.sample[3] + place);
-    return sample;
-  }
-  const Ints hit = isNumber(first);
-  const int wanted = bitsOf(alive & hit);
-  sample.value = nothing();
-  if (wanted != 0)
-    sample.value = select(hit, fetch(job.volume, {sample.more[0], sample.more[1], sample.more[2]}, wanted), nothing());
+  sample.value =
+      kind == SampleKind::kColour ? load(job.sample[3] + place) : select(isNumber(first), pending(), nothing());
   return sample;
+}
+
+/// Gets the values of a volume's samples that are wanted and pending.
+SOFT_VOLUME_INLINE void fetchPending(const CompositeJob& job, const Ints& wanted, Sample& sample) {
+  const Ints missing = wanted & (sample.value == pending());
+  const int bits = bitsOf(missing);
+  if (bits == 0)
+    return;
+  sample.value = select(missing, fetch(job.volume, sample.more, bits), sample.value);
+  classify<SampleKind::kTexture>(job.table, sample);
+}
+
+/// Gets the values at both ends of the rays' way to a sample, where either end can be seen. False when none can be.
+SOFT_VOLUME_INLINE bool fetchEnds(const CompositeJob& job, Rays& rays, const Ints& inside, Sample& sample) {
+  const Ints alive = isNumber(sample.value) & (rays.opacity < kOpaque);
+  const int bits = bitsOf(alive);
+  const Ints visible = alive & (isVisible(job.volume, sample.more, bits) | (inside & (rays.sample.value != pending())));
+  if (!any(visible))
+    return false;
+  fetchPending(job, visible, sample);
+  fetchPending(job, visible & inside, rays.sample);
+  return true;
 }
 
 /// The part of the rays that no clip plane cuts away.
@@ -836,10 +940,12 @@ __attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const 
       }
     }
     if (kind == SampleKind::kTexture)
-      sample.value = fetch(job.volume, {sample.more[0], sample.more[1], sample.more[2]}, bits);
+      sample.value = fetch(job.volume, sample.more, bits);
     classify<kind>(job.table, sample);
     Segment segment;
     segment.mask = reached & ~entering & isNumber(rays.sample.value);
+    if (kind == SampleKind::kTexture)
+      fetchPending(job, segment.mask, rays.sample);
     copySample<kind>(segment.from, rays.sample);
     copySample<kind>(segment.to, sample);
     segment.front = rays.z;
@@ -859,7 +965,7 @@ template <SampleKind kind, bool shaded>
 __attribute__((noinline)) void leave(const CompositeJob& job, const PixelState& state, Rays& rays,
                                      const Ints& leaving) {
   Segment segment;
-  segment.mask = leaving;
+  segment.mask = leaving & (rays.sample.value != pending());
   copySample<kind>(segment.from, rays.sample);
   copySample<kind>(segment.to, rays.sample);
   segment.front = rays.z;
@@ -873,7 +979,8 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
                                                 int at, const Floats& jitter) {
   const bool extra = job.extra[plane] != 0;
   const Ints inside = isNumber(rays.sample.value);
-  Sample sample = readSample<kind>(job, plane, at, rays.opacity < kOpaque);
+  Sample sample = readSample<kind>(job, plane, at);
+  const bool seen = kind != SampleKind::kTexture || fetchEnds(job, rays, inside, sample);
   const Ints hit = isNumber(sample.value);
   const Ints leaving = inside & ~hit;
   if (!extra && any(leaving))
@@ -881,21 +988,30 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
   const int hits = bitsOf(hit);
   if (hits == 0)
     return 0;
-  classify<kind>(job.table, sample);
+  if (!seen) {
+    selectSample<kind>(hit, sample, rays.sample, rays.sample);
+    rays.z = select(hit, all(job.z[plane]), rays.z);
+    rays.back = select(hit, all(job.back[plane]), rays.back);
+    return 0;
+  }
+  if (kind != SampleKind::kTexture)
+    classify<kind>(job.table, sample);
   Segment segment;
-  segment.mask = hit;
+  segment.mask = hit & (sample.value != pending());
   selectSample<kind>(inside, rays.sample, sample, segment.from);
   copySample<kind>(segment.to, sample);
   segment.front = select(inside, rays.z, all(job.front[plane]));
   segment.back = all(job.z[plane]);
   rays.along = select(inside & hit, (sample.value - rays.sample.value) / (job.z[plane] - rays.z), all(0.0F));
   if (job.jitter && !extra) {
-    // The sample moves back towards the one before; its slab moves with it.
-    const Ints moves = hit & inside;
+    // The sample moves back towards the one before, its slab with it: all by the same part of the planes' distance.
+    const Ints moves = segment.mask & inside;
+    const Floats place = segment.back - (1.0F - jitter) * job.distance;
+    const Floats t = clamp((place - segment.front) / (segment.back - segment.front), 0.0F, 1.0F);
     Sample moved;
-    sampleBetween<kind>(job, segment.from, segment.to, jitter, bitsOf(moves), moved);
+    sampleBetween<kind>(job, segment.from, segment.to, t, bitsOf(moves), moved);
     selectSample<kind>(moves, moved, segment.to, segment.to);
-    segment.back = select(moves, between(segment.front, segment.back, jitter), segment.back);
+    segment.back = select(moves, between(segment.front, segment.back, t), segment.back);
   }
   selectSample<kind>(hit, segment.to, rays.sample, rays.sample);
   rays.z = select(hit, segment.back, rays.z);
@@ -1059,17 +1175,18 @@ SOFT_VOLUME_INLINE std::size_t showBlock(const CompositeJob& job, const PixelSta
   for (int plane = 0; plane < job.planes; ++plane) {
     if ((job.hits[pixel / kPixelLanes] >> plane & 1) == 0)
       continue;
-    const Ints everywhere = allInts(-1);
     Sample sample{};
     Entry entry{};
     if (job.kind == SampleKind::kColour) {
-      sample = readSample<SampleKind::kColour>(job, plane, at, everywhere);
+      sample = readSample<SampleKind::kColour>(job, plane, at);
       const Floats inverse = 1.0F / select(sample.value > 0.0F, sample.value, all(1.0F));
       for (int n = 0; n < 3; ++n)
         entry.c[n] = sample.more[n] * inverse;
     } else {
-      sample = job.kind == SampleKind::kScalar ? readSample<SampleKind::kScalar>(job, plane, at, everywhere)
-                                               : readSample<SampleKind::kTexture>(job, plane, at, everywhere);
+      sample = job.kind == SampleKind::kScalar ? readSample<SampleKind::kScalar>(job, plane, at)
+                                               : readSample<SampleKind::kTexture>(job, plane, at);
+      if (job.kind == SampleKind::kTexture)
+        fetchPending(job, isNumber(sample.value), sample);
       entry = lookUp(job.table.entries, entryOf(job.table, sample.value));
     }
     const Ints hit = isNumber(sample.value);
