@@ -267,6 +267,30 @@ TEST_F(RenderVolume, DepthAndLabelsAgreeWithThePicture) {
   EXPECT_LE(json("a.json")["depth_range"][0], json("a.json")["depth_range"][1]);
 }
 
+/// Jitter moves samples by less than a slice, so what is opaque stays opaque.
+TEST_F(RenderVolume, JitterLeavesNoHoles) {
+  write("solid.yaml", kSolid);
+  for (const char* backend : {"native", "gl"}) {
+    const auto opacities = [&](const std::string& jitter) {
+      expectDone("block.mha --tf solid.yaml --size 64x48 --slices 24 --raw a.raw --backend " + std::string(backend) +
+                 jitter);
+      return floats("a.raw");
+    };
+    const std::vector<float> even = opacities("");
+    const std::vector<float> jittered = opacities(" --jitter");
+    ASSERT_EQ(jittered.size(), even.size());
+    EXPECT_NE(jittered, even) << backend;
+    std::size_t opaque = 0;
+    for (std::size_t n = 3; n < even.size(); n += 4) {
+      if (even[n] < 0.999F)
+        continue;
+      ++opaque;
+      EXPECT_GT(jittered[n], 0.99F) << backend << ", pixel " << n / 4;
+    }
+    EXPECT_GT(opaque, 500U) << backend;
+  }
+}
+
 TEST_F(RenderGrid, TurntableWritesFrames) {
   expectDone("mixed.vtk --size 32x24 --turntable 3 --out turn.png");
   EXPECT_TRUE(exists("turn_000.png") && exists("turn_001.png") && exists("turn_002.png"));
