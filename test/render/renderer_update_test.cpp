@@ -217,21 +217,22 @@ TEST_P(Changes, ThroughTheCameraAndOutOfSight) {
   }
 }
 
-/// Planes that come and go in front or behind must not change the others.
+/// At most four times the planes at rest are drawn, from the front: a corner that is pulled towards the camera takes
+/// them from what lies behind.
 TEST_P(Changes, ThatPullTheGridFarDeeperThanItsPlanes) {
   Pair pair(GetParam().backend, GetParam().kind);
   pair.options.depth = true;
-  // Flat at rest: 0.4 m deep, and a vertex is pulled by 2 m.
-  std::vector<Vector3f> flat = pair.rest;
-  Camera camera = Camera::lookAtParallel({0, 0, -8.0}, Vector3::Zero(), Vector3(0, -1, 0), 5.0, width(), height());
-  pair.options.step_m = 0.0;
   pair.options.slices = 3;
-  std::vector<Vector3f> positions = flat;
+  Camera camera = Camera::lookAtParallel({0, 0, -40.0}, Vector3::Zero(), Vector3(0, -1, 0), 5.0, width(), height());
+  camera.far_m = 100.0;
+  std::vector<Vector3f> positions = pair.rest;
+  bool all_planes = true;
   for (int pull = 0; pull < 8; ++pull) {
-    pair.expectEqualFrames(camera, positions, "pulled " + std::to_string(pull));
-    positions.front().z() -= 1.9F;
-    positions.back().z() += pull == 4 ? 30.0F : 0.0F;
+    const Frame& frame = pair.expectEqualFrames(camera, positions, "pulled " + std::to_string(pull));
+    all_planes = all_planes && frame.slices < 12;
+    positions.front().z() -= 2.6F;
   }
+  EXPECT_TRUE(isExact() || !all_planes);
 }
 
 TEST_P(Changes, OfAGridThatIsOutOfSightAtRest) {
