@@ -1,7 +1,7 @@
 # The ROS part: messages, services and the catkin package. Included from the top level before any target.
 find_package(catkin REQUIRED COMPONENTS
-  diagnostic_updater geometry_msgs image_transport message_generation nodelet pluginlib rosbag_storage roscpp
-  rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools)
+  diagnostic_updater dynamic_reconfigure geometry_msgs image_transport message_generation nodelet pluginlib
+  rosbag_storage roscpp rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools)
 
 add_message_files(DIRECTORY msg FILES
   GridPatch.msg GridState.msg GridTopology.msg HeldForce.msg HeldGrip.msg JournalEntry.msg RecorderStatus.msg
@@ -9,12 +9,13 @@ add_message_files(DIRECTORY msg FILES
   ToolCut.msg ToolForce.msg ToolGrip.msg ToolState.msg Volume.msg)
 add_service_files(DIRECTORY srv FILES RestoreCheckpoint.srv SaveCheckpoint.srv SetIntegrator.srv StepSimulation.srv)
 generate_messages(DEPENDENCIES geometry_msgs std_msgs)
+generate_dynamic_reconfigure_options(cfg/Renderer.cfg)
 
 catkin_package(
   INCLUDE_DIRS include
   LIBRARIES soft_volume_core soft_volume_render soft_volume_messages soft_volume_replay_core soft_volume_ros
-  CATKIN_DEPENDS diagnostic_updater geometry_msgs image_transport message_runtime nodelet pluginlib rosbag_storage
-                 roscpp rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools
+  CATKIN_DEPENDS diagnostic_updater dynamic_reconfigure geometry_msgs image_transport message_runtime nodelet pluginlib
+                 rosbag_storage roscpp rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools
   DEPENDS EIGEN3)
 
 set(SOFT_VOLUME_BIN_DIR ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION})
@@ -24,7 +25,7 @@ function(soft_volume_ros_library name)
   soft_volume_library(${name})
   target_include_directories(${name} SYSTEM PUBLIC ${catkin_INCLUDE_DIRS})
   target_link_libraries(${name} PUBLIC ${catkin_LIBRARIES})
-  add_dependencies(${name} ${PROJECT_NAME}_generate_messages_cpp)
+  add_dependencies(${name} ${PROJECT_NAME}_generate_messages_cpp ${PROJECT_NAME}_gencfg)
   install(TARGETS ${name} ARCHIVE DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION}
                           LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION})
 endfunction()

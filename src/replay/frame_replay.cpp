@@ -69,7 +69,15 @@ std::optional<ReplayDifference> FrameReplay::check(const core::Session& session,
   const bool known = std::any_of(cameras.begin(), cameras.end(), [&](const auto& c) { return c.name == stats.camera; });
   if (!known)
     return frameDifference(stats, "the scene has no such camera");
-  const core::Image image = render(session, stats);
+  core::Image image;
+  try {
+    const core::RenderSettings settings =
+        stats.settings.empty() ? session.scene().rendering
+                               : core::overrideRendering(session.scene(), stats.settings, "its settings");
+    image = render(session, settings, stats);
+  } catch (const core::SceneError& error) {
+    return frameDifference(stats, std::string("cannot be drawn: ") + error.what());
+  }
   ++report_->frames;
   if (!options_->frames_dir.empty())
     writeFrame(stats, image);
@@ -82,12 +90,12 @@ std::optional<ReplayDifference> FrameReplay::check(const core::Session& session,
                                                : compareByPsnr(image, stats, recorded);
 }
 
-core::Image FrameReplay::render(const core::Session& session, const RenderStats& stats) {
-  updateRenderer(session);
-  const core::RenderSettings& settings = session.scene().rendering;
-  core::LegacyRenderOptions options;
-  options.slices = settings.options.slices;
-  options.shading = settings.options.shading;
+/// Always the whole frame: where the node drew only what had changed, equal hashes say that both are the same.
+core::Image FrameReplay::render(const core::Session& session, const core::RenderSettings& settings,
+                                const RenderStats& stats) {
+  updateRenderer(session, settings, stats.settings);
+  core::RenderOptions options = settings.coarser(stats.coarseness);
+  options.threads = options_->threads;
   const auto camera_settings = std::find_if(settings.cameras.begin(), settings.cameras.end(),
                                             [&](const auto& c) { return c.name == stats.camera; });
   core::Camera camera = camera_settings->camera;
@@ -96,21 +104,26 @@ core::Image FrameReplay::render(const core::Session& session, const RenderStats&
   positions.reserve(session.simulation().positions().size());
   for (const core::Vector3& p : session.simulation().positions())
     positions.push_back(p.cast<float>());
+  renderer_->forgetFrame();
   return renderer_->render(camera, positions, options).toRgb8(settings.background);
 }
 
-void FrameReplay::updateRenderer(const core::Session& session) {
-  if (!renderer_)
-    renderer_ = std::make_unique<core::SliceRenderer>();
-  if (drawn_session_ != session.id()) {
+void FrameReplay::updateRenderer(const core::Session& session, const core::RenderSettings& settings,
+                                 const std::string& text) {
+  if (!renderer_ || backend_ != settings.backend) {
+    renderer_ = std::make_unique<core::Renderer>(settings.backend);
+    backend_ = settings.backend;
+    drawn_session_ = 0;
+  }
+  if (drawn_session_ != session.id())
     renderer_->setVolume(session.volume());
-    renderer_->setTransferFunction(session.scene().rendering.transfer_function);
-  }
-  if (drawn_session_ != session.id() || drawn_revision_ != session.lattice().revision) {
+  if (drawn_session_ != session.id() || drawn_settings_ != text)
+    renderer_->setTransferFunction(settings.transfer_function);
+  if (drawn_session_ != session.id() || drawn_revision_ != session.lattice().revision)
     renderer_->setTopology(session.topology());
-  }
   drawn_session_ = session.id();
   drawn_revision_ = session.lattice().revision;
+  drawn_settings_ = text;
 }
 
 void FrameReplay::writeFrame(const RenderStats& stats, const core::Image& image) {

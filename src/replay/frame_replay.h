@@ -9,7 +9,7 @@
 #include <string>
 
 #include "bag_contents.h"
-#include "soft_volume/render/slice_renderer.h"
+#include "soft_volume/render/renderer.h"
 #include "soft_volume/session/session.h"
 
 namespace soft_volume {
@@ -25,8 +25,8 @@ class FrameReplay {
   std::optional<ReplayDifference> check(const core::Session& session, const RenderStats& stats);
 
  private:
-  core::Image render(const core::Session& session, const RenderStats& stats);
-  void updateRenderer(const core::Session& session);
+  core::Image render(const core::Session& session, const core::RenderSettings& settings, const RenderStats& stats);
+  void updateRenderer(const core::Session& session, const core::RenderSettings& settings, const std::string& text);
   void writeFrame(const RenderStats& stats, const core::Image& image);
   std::optional<sensor_msgs::Image> findRecorded(const RenderStats& stats);
   std::optional<ReplayDifference> compareExactly(const core::Image& image, const RenderStats& stats,
@@ -37,9 +37,11 @@ class FrameReplay {
   BagContents* contents_;
   const ReplayOptions* options_;
   ReplayReport* report_;
-  std::unique_ptr<core::SliceRenderer> renderer_;
+  std::unique_ptr<core::Renderer> renderer_;
+  core::Backend backend_{};
   std::uint64_t drawn_session_ = 0;
   std::uint32_t drawn_revision_ = 0;
+  std::string drawn_settings_;          ///< as RenderStats has them
   std::map<std::string, int> written_;  ///< frame files by name, and how often the name was wanted
 };
 

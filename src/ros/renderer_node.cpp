@@ -14,10 +14,13 @@
 #include <cstring>
 #include <utility>
 
+#include "render_parameters.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/topics.h"
+#include "soft_volume/render/option_names.h"
+#include "soft_volume/ros/parameters.h"
 
 namespace soft_volume {
 namespace {
@@ -26,6 +29,12 @@ using Clock = std::chrono::steady_clock;
 
 /// A state may come before its topology, but not by this much.
 constexpr double kTopologyPatience_s = 1.0;
+
+/// How errors call them.
+constexpr char kParametersOrigin[] = "the parameters";
+
+/// Planes of the first frame after a change of view are so many times as far apart; each one after it halves that.
+constexpr std::uint32_t kFirstCoarseness = 8;
 
 double millisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
@@ -40,7 +49,12 @@ sensor_msgs::CameraInfoPtr cameraInfo(const core::Camera& camera, const std_msgs
   info->D.assign(5, 0.0);
   info->K = {camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0};
   info->R = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-  info->P = {camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0};
+  // (u w, v w, w) = P (x, y, z, 1) holds for both projections; K has no form for a parallel one.
+  if (camera.projection == core::Projection::kPerspective) {
+    info->P = {camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0};
+  } else {
+    info->P = {camera.fx, 0.0, 0.0, camera.cx, 0.0, camera.fy, 0.0, camera.cy, 0.0, 0.0, 0.0, 1.0};
+  }
   return info;
 }
 
@@ -55,15 +69,18 @@ sensor_msgs::ImagePtr colourImage(const core::Image& image, const std_msgs::Head
   return message;
 }
 
-sensor_msgs::ImagePtr depthImage(const core::LegacyFrame& frame, const std_msgs::Header& header) {
+/// Depth or labels: one value a pixel.
+template <typename Value>
+sensor_msgs::ImagePtr valueImage(const core::Frame& frame, const std::vector<Value>& values,
+                                 const std::string& encoding, const std_msgs::Header& header) {
   auto message = boost::make_shared<sensor_msgs::Image>();
   message->header = header;
   message->width = static_cast<std::uint32_t>(frame.width);
   message->height = static_cast<std::uint32_t>(frame.height);
-  message->encoding = sensor_msgs::image_encodings::TYPE_32FC1;
-  message->step = message->width * 4;
-  message->data.resize(frame.depth_m.size() * sizeof(float));
-  std::memcpy(message->data.data(), frame.depth_m.data(), message->data.size());
+  message->encoding = encoding;
+  message->step = message->width * static_cast<std::uint32_t>(sizeof(Value));
+  message->data.resize(values.size() * sizeof(Value));
+  std::memcpy(message->data.data(), values.data(), message->data.size());
   return message;
 }
 
@@ -75,10 +92,35 @@ sensor_msgs::CompressedImage compressedImage(const core::Image& image, int quali
   return message;
 }
 
+/// What a frame says of itself.
+RenderStats statsOf(const core::Frame& frame) {
+  RenderStats stats;
+  if (!frame.updated.empty()) {
+    stats.updated_x = static_cast<std::uint32_t>(frame.updated.begin_x);
+    stats.updated_y = static_cast<std::uint32_t>(frame.updated.begin_y);
+    stats.updated_width = static_cast<std::uint32_t>(frame.updated.end_x - frame.updated.begin_x);
+    stats.updated_height = static_cast<std::uint32_t>(frame.updated.end_y - frame.updated.begin_y);
+  }
+  stats.cells = static_cast<std::uint32_t>(frame.cells);
+  stats.polygons = static_cast<std::uint32_t>(frame.polygons);
+  stats.slices = static_cast<std::uint32_t>(frame.slices);
+  stats.fragments = frame.fragments;
+  stats.transform_ms = frame.transform_ms;
+  stats.bucket_ms = frame.bucket_ms;
+  stats.slice_ms = frame.slice_ms;
+  stats.render_ms = frame.render_ms;
+  return stats;
+}
+
 }  // namespace
 
 RendererNode::RendererNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
-    : node_(node), transport_(node), diagnostics_(node, private_node) {
+    : node_(node),
+      transport_(node),
+      diagnostics_(node, private_node),
+      threads_(parameter<int>(private_node, "threads", 0, 0, 1024)) {
+  parameters_ = std::make_unique<RenderParameters>(private_node, incidents_,
+                                                   [this](const std::string& yaml) { return applyParameters(yaml); });
   stats_publisher_ = node_.advertise<RenderStats>(topics::kRenderStats, 1000);
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   subscribers_ = {
@@ -107,15 +149,49 @@ void RendererNode::hearScene(const Scene::ConstPtr& message) {
   try {
     auto scene = std::make_shared<core::Scene>(core::parseScene(message->yaml, "the scene message", "/"));
     Channels channels;
-    for (const core::CameraSettings& settings : scene->rendering.cameras)
-      channels.push_back(openCamera(settings));
-    const std::lock_guard<std::mutex> lock(mutex_);
-    scene_ = std::move(scene);
-    channels_ = std::move(channels);
-    session_ = message->session;
+    for (const core::CameraSettings& camera : scene->rendering.cameras)
+      channels.push_back(openCamera(camera));
+    const std::string overrides = parameters_->yaml();
+    const core::RenderSettings settings = core::overrideRendering(*scene, overrides, kParametersOrigin);
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      scene_ = std::move(scene);
+      channels_ = std::move(channels);
+      session_ = message->session;
+      adopt(settings, overrides);
+    }
+    parameters_->show(settings);
   } catch (const core::Error& error) {
     incidents_.report(topics::kScene, error.what());
   }
+}
+
+/// Puts parameters in place of the scene's keys, and has everything drawn with them.
+core::RenderSettings RendererNode::applyParameters(const std::string& yaml) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const core::RenderSettings settings =
+      core::overrideRendering(scene_ ? *scene_ : core::Scene(), yaml, kParametersOrigin);
+  adopt(settings, yaml);
+  for (const auto& channel : channels_)
+    channel->redraw = true;
+  wake_.notify_all();
+  return settings;
+}
+
+/// Needs the lock.
+void RendererNode::adopt(const core::RenderSettings& settings, const std::string& overrides) {
+  wanted_ = settings;
+  overridden_ = overrides != "{}";
+  fitSettings();
+}
+
+/// Needs the lock.
+void RendererNode::fitSettings() {
+  core::RenderSettings settings = wanted_;
+  if (volume_)
+    core::fitTransferFunction(settings, *volume_);
+  settings_ = std::make_shared<core::RenderSettings>(settings);
+  settings_text_ = overridden_ ? core::writeRendering(settings) : "";
 }
 
 /// Opens the topics of a camera, or keeps those that are open: subscribers stay connected across sessions.
@@ -147,6 +223,7 @@ std::shared_ptr<RendererNode::CameraChannel> RendererNode::openCamera(const core
   channel->compressed =
       node_.advertise<sensor_msgs::CompressedImage>(settings.name + "/image_raw/compressed", 100, info_joined);
   channel->depth = node_.advertise<sensor_msgs::Image>(settings.name + "/depth", 100, info_joined);
+  channel->labels = node_.advertise<sensor_msgs::Image>(settings.name + "/labels", 100, info_joined);
   channel->view = node_.subscribe<geometry_msgs::PoseStamped>(
       settings.name + "/view", 10, [this, weak](const geometry_msgs::PoseStamped::ConstPtr& m) {
         if (const auto c = weak.lock())
@@ -166,6 +243,7 @@ void RendererNode::hearView(const std::shared_ptr<CameraChannel>& channel, const
     const std::lock_guard<std::mutex> lock(mutex_);
     channel->camera.T_volume_camera = pose;
   }
+  channel->view_moved = true;
   channel->redraw = true;
   wake_.notify_all();
 }
@@ -175,6 +253,8 @@ void RendererNode::hearVolume(const Volume::ConstPtr& message) {
     const VolumeAndLabels content = fromMessage(*message);
     const std::lock_guard<std::mutex> lock(mutex_);
     volume_ = content.volume;
+    labels_ = content.labels;
+    fitSettings();
   } catch (const core::Error& error) {
     incidents_.report(topics::kVolume, error.what());
   }
@@ -241,14 +321,15 @@ void RendererNode::applyState(const GridState& message) {
   ++state_number_;
 }
 
+bool RendererNode::CameraChannel::isWatched() const {
+  return image.getNumSubscribers() > 0 || compressed.getNumSubscribers() > 0 || depth.getNumSubscribers() > 0 ||
+         labels.getNumSubscribers() > 0;
+}
+
 bool RendererNode::takeSnapshot(Snapshot& snapshot) {
-  std::unique_lock<std::mutex> lock(mutex_);
-  wake_.wait_for(lock, std::chrono::milliseconds(20));
+  const std::lock_guard<std::mutex> lock(mutex_);
   if (!scene_ || !volume_ || !topology_ || !decoder_.hasState() || session_ != topology_->session)
     return false;
-  drawn_scene_ = scene_;
-  drawn_volume_ = volume_;
-  drawn_topology_ = topology_;
   snapshot.session = topology_->session;
   snapshot.revision = topology_->revision;
   snapshot.step = decoder_.step();
@@ -256,94 +337,97 @@ bool RendererNode::takeSnapshot(Snapshot& snapshot) {
   snapshot.number = state_number_;
   snapshot.header = state_header_;
   snapshot.positions = decoder_.positions();
+  snapshot.settings = settings_;
+  snapshot.settings_text = settings_text_;
+  snapshot.volume = volume_;
+  snapshot.labels = labels_;
+  snapshot.topology = topology_;
   snapshot.channels = channels_;
   return true;
 }
 
 void RendererNode::run() {
-  std::shared_ptr<const core::Scene> scene;
-  std::shared_ptr<const core::Volume> volume;
-  std::shared_ptr<const core::Topology> topology;
   Snapshot snapshot;
   while (running_ && ros::ok()) {
-    if (!takeSnapshot(snapshot))
-      continue;
     const auto wanted = [&](const auto& channel) { return wantsFrame(*channel, snapshot); };
-    if (std::none_of(snapshot.channels.begin(), snapshot.channels.end(), wanted))
-      continue;
-    try {
-      if (!renderer_)
-        renderer_ = std::make_unique<core::SliceRenderer>();
-      if (drawn_volume_ != volume)
-        renderer_->setVolume(volume = drawn_volume_);
-      if (drawn_scene_ != scene) {
-        scene = drawn_scene_;
-        renderer_->setTransferFunction(scene->rendering.transfer_function);
-      }
-      if (drawn_topology_ != topology)
-        renderer_->setTopology(*(topology = drawn_topology_));
+    if (takeSnapshot(snapshot) && std::any_of(snapshot.channels.begin(), snapshot.channels.end(), wanted)) {
       drawAll(snapshot);
-    } catch (const core::Error& error) {
-      incidents_.report("rendering", error.what());
-      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+      continue;
     }
+    std::unique_lock<std::mutex> lock(mutex_);
+    wake_.wait_for(lock, std::chrono::milliseconds(20));
   }
-  renderer_.reset();  // in the thread that owns the context
+  for (const auto& channel : snapshot.channels)
+    channel->renderer.reset();  // in the thread that owns the contexts
 }
 
-bool RendererNode::wantsFrame(CameraChannel& channel, const Snapshot& snapshot) const {
-  const bool watched = channel.image.getNumSubscribers() > 0 || channel.compressed.getNumSubscribers() > 0 ||
-                       channel.depth.getNumSubscribers() > 0;
-  if (!watched)
+bool RendererNode::wantsFrame(const CameraChannel& channel, const Snapshot& snapshot) const {
+  if (!channel.isWatched())
     return false;
-  if (channel.redraw)
+  if (channel.redraw || channel.coarseness > 1)
     return true;
   return snapshot.number != channel.drawn_state && snapshot.simulation_time_s >= channel.next_due_s - 1e-9;
 }
 
 void RendererNode::drawAll(const Snapshot& snapshot) {
-  const double interval_s = 1.0 / drawn_scene_->rendering.rate_hz;
+  const double interval_s = 1.0 / snapshot.settings->rate_hz;
   for (const auto& channel : snapshot.channels) {
     if (!wantsFrame(*channel, snapshot))
       continue;
     channel->redraw = false;
+    const bool moved = channel->view_moved.exchange(false);
+    channel->coarseness =
+        moved && snapshot.settings->progressive ? kFirstCoarseness : std::max(1U, channel->coarseness / 2);
     const double late_s = snapshot.simulation_time_s - channel->next_due_s;
     if (channel->drawn_state != 0 && late_s > interval_s) {
       channel->skipped += static_cast<std::uint64_t>(std::floor(late_s / interval_s));
     }
     channel->next_due_s = interval_s * (std::floor(snapshot.simulation_time_s / interval_s + 1e-9) + 1.0);
     channel->drawn_state = snapshot.number;
-    draw(*channel, snapshot);
+    drawOrReport(*channel, snapshot);
+  }
+}
+
+/// Whatever is wrong with one camera's frame, the others' are drawn.
+void RendererNode::drawOrReport(CameraChannel& channel, const Snapshot& snapshot) {
+  std::string failure;
+  try {
+    draw(channel, snapshot);
+  } catch (const std::exception& error) {
+    failure = error.what();
+    channel.coarseness = 1;
+    incidents_.report(channel.name, "the frame of step " + std::to_string(snapshot.step) + " is skipped: " + failure);
+  }
+  const std::lock_guard<std::mutex> lock(stats_mutex_);
+  if (failure.empty()) {
+    failures_.erase(channel.name);
+  } else {
+    failures_[channel.name] = failure;
   }
 }
 
 void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
   const Clock::time_point start = Clock::now();
-  const core::RenderSettings& settings = drawn_scene_->rendering;
   core::Camera camera;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     camera = channel.camera;
   }
-  core::LegacyRenderOptions options;
-  options.slices = settings.options.slices;
-  options.shading = settings.options.shading;
-  options.depth = channel.depth.getNumSubscribers() > 0;
-  options.depth_threshold = settings.options.depth_threshold;
-  const core::LegacyFrame frame = renderer_->render(camera, snapshot.positions, options);
+  prepare(channel, snapshot);
+  if (!snapshot.settings->incremental)
+    channel.renderer->forgetFrame();
+  const core::Frame& frame = channel.renderer->render(camera, snapshot.positions, optionsOf(channel, snapshot));
 
-  RenderStats stats;
+  RenderStats stats = statsOf(frame);
   stats.session = snapshot.session;
   stats.revision = snapshot.revision;
   stats.step = snapshot.step;
   stats.camera = channel.name;
   stats.pose = toPose(camera.T_volume_camera);
-  stats.cells = static_cast<std::uint32_t>(frame.cells);
-  stats.polygons = static_cast<std::uint32_t>(frame.polygons);
-  stats.slices = static_cast<std::uint32_t>(frame.slices);
-  stats.transform_ms = frame.transform_ms;
-  stats.slice_ms = frame.slice_ms;
-  stats.render_ms = frame.render_ms;
+  stats.backend = core::nameOf(channel.backend);
+  stats.settings = snapshot.settings_text;
+  stats.coarseness = channel.coarseness;
+  stats.refining = static_cast<std::uint8_t>(channel.coarseness > 1);
   publishFrame(channel, snapshot, camera, frame, stats);
   stats.total_ms = millisecondsSince(start);
   stats_publisher_.publish(stats);
@@ -351,23 +435,61 @@ void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
   last_stats_ = stats;
 }
 
+/// Gives the camera's renderer what has changed since its last frame.
+void RendererNode::prepare(CameraChannel& channel, const Snapshot& snapshot) {
+  if (!channel.renderer || channel.backend != snapshot.settings->backend) {
+    channel.renderer.reset();
+    channel.renderer = std::make_unique<core::Renderer>(snapshot.settings->backend);
+    channel.backend = snapshot.settings->backend;
+    channel.settings.reset();
+    channel.volume.reset();
+    channel.labelled.reset();
+    channel.topology.reset();
+  }
+  if (channel.volume != snapshot.volume) {
+    channel.renderer->setVolume(snapshot.volume);
+    channel.volume = snapshot.volume;
+  }
+  if (channel.labelled != snapshot.labels) {
+    channel.renderer->setLabels(snapshot.labels);
+    channel.labelled = snapshot.labels;
+  }
+  if (channel.settings != snapshot.settings) {
+    channel.renderer->setTransferFunction(snapshot.settings->transfer_function);
+    channel.settings = snapshot.settings;
+  }
+  if (channel.topology != snapshot.topology) {
+    channel.renderer->setTopology(*snapshot.topology);
+    channel.topology = snapshot.topology;
+  }
+}
+
+core::RenderOptions RendererNode::optionsOf(const CameraChannel& channel, const Snapshot& snapshot) const {
+  core::RenderOptions options = snapshot.settings->coarser(channel.coarseness);
+  options.labels = snapshot.labels && channel.labels.getNumSubscribers() > 0;
+  options.depth = options.labels || channel.depth.getNumSubscribers() > 0;  // labels are those at the depth
+  options.threads = threads_;
+  return options;
+}
+
 void RendererNode::publishFrame(CameraChannel& channel, const Snapshot& snapshot, const core::Camera& camera,
-                                const core::LegacyFrame& frame, RenderStats& stats) {
+                                const core::Frame& frame, RenderStats& stats) {
   std_msgs::Header header = snapshot.header;
   header.frame_id = channel.name + "_optical_frame";
-  const core::Image image = frame.toRgb8(drawn_scene_->rendering.background);
+  const core::Image image = frame.toRgb8(snapshot.settings->background);
   channel.image.publish(colourImage(image, header), cameraInfo(camera, header));
-  if (channel.compressed.getNumSubscribers() > 0) {
-    channel.compressed.publish(compressedImage(image, drawn_scene_->rendering.jpeg_quality, header));
-  }
+  if (channel.compressed.getNumSubscribers() > 0)
+    channel.compressed.publish(compressedImage(image, snapshot.settings->jpeg_quality, header));
   if (!frame.depth_m.empty())
-    channel.depth.publish(depthImage(frame, header));
+    channel.depth.publish(valueImage(frame, frame.depth_m, sensor_msgs::image_encodings::TYPE_32FC1, header));
+  if (!frame.labels.empty())
+    channel.labels.publish(valueImage(frame, frame.labels, sensor_msgs::image_encodings::MONO16, header));
   stats.header = header;
   stats.image_hash = core::hashVector(image.rgb);
   stats.frames_published = ++channel.published;
   stats.frames_skipped = channel.skipped;
   stats.frames_rejected = incidents_.total();
-  stats.renderer = renderer_->driver();
+  stats.renderer = channel.renderer->driver();
 }
 
 void RendererNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
@@ -379,10 +501,14 @@ void RendererNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status)
   {
     const std::lock_guard<std::mutex> lock(stats_mutex_);
     status.add("renderer", last_stats_.renderer);
+    status.add("backend", last_stats_.backend);
     status.add("last frame [ms]", last_stats_.total_ms);
     status.add("polygons", last_stats_.polygons);
     status.add("frames published", last_stats_.frames_published);
     status.add("frames skipped", last_stats_.frames_skipped);
+    for (const auto& failure : failures_)
+      status.mergeSummary(diagnostic_msgs::DiagnosticStatus::ERROR,
+                          failure.first + " cannot be drawn: " + failure.second);
   }
   incidents_.addTo(status);
 }

@@ -51,6 +51,8 @@ TransferFunction readFunction(YamlMap map, const std::vector<Material>& material
   return function;
 }
 
+constexpr char kTransferFunction[] = "transfer_function";
+
 /// A preset's name has no folder and no suffix.
 bool isPreset(const std::string& source) {
   return source.find_first_of("/.$") == std::string::npos;
@@ -67,13 +69,12 @@ TransferFunctionFile readFile(YamlMap& map, const char* key, const std::string& 
 
 /// A mapping, or the name of a preset or file.
 void readTransfer(YamlMap& map, const std::vector<Material>& materials, const std::string& folder, RenderSettings& r) {
-  constexpr char kKey[] = "transfer_function";
   r.transfer_file.reset();
-  if (!map.isText(kKey)) {
-    r.transfer_function = readFunction(map.map(kKey), materials);
+  if (!map.isText(kTransferFunction)) {
+    r.transfer_function = readFunction(map.map(kTransferFunction), materials);
     return;
   }
-  const TransferFunctionFile file = readFile(map, kKey, folder);
+  const TransferFunctionFile file = readFile(map, kTransferFunction, folder);
   r.transfer_function = file.function;
   if (file.relative || !file.states_distance)
     r.transfer_file = file;
@@ -195,10 +196,8 @@ void readOptions(YamlMap& map, RenderOptions& options) {
     options.clip_planes = readClipPlanes(map);
 }
 
-/// Every key but the cameras; what is not there stays as it is in `r`.
-void readSettings(YamlMap& map, const std::vector<Material>& materials, const std::string& folder, RenderSettings& r) {
-  if (map.has("transfer_function") || r.transfer_function.points.empty())
-    readTransfer(map, materials, folder, r);
+/// Every key but transfer function and cameras; what is not there stays as it is in `r`.
+void readSettings(YamlMap& map, RenderSettings& r) {
   readChoice(map, "backend", r.backend);
   readOptions(map, r.options);
   r.incremental = map.flag("incremental", r.incremental);
@@ -212,7 +211,8 @@ void readSettings(YamlMap& map, const std::vector<Material>& materials, const st
 
 RenderSettings readRendering(YamlMap map, const std::vector<Material>& materials, const std::string& folder) {
   RenderSettings rendering;
-  readSettings(map, materials, folder, rendering);
+  readTransfer(map, materials, folder, rendering);
+  readSettings(map, rendering);
   rendering.cameras = readCameras(map);
   map.finish();
   return rendering;
@@ -256,7 +256,9 @@ Camera loadCamera(const std::string& path, double near_m, double far_m) {
 RenderSettings overrideRendering(const Scene& scene, const std::string& yaml, const std::string& origin) {
   YamlMap map(parseYaml(yaml, origin), "", origin);
   RenderSettings rendering = scene.rendering;
-  readSettings(map, scene.materials, "/", rendering);
+  if (map.has(kTransferFunction))
+    readTransfer(map, scene.materials, "/", rendering);
+  readSettings(map, rendering);
   map.finish();
   return rendering;
 }

@@ -16,7 +16,7 @@
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/journal.h"
 #include "soft_volume/messages/topics.h"
-#include "soft_volume/render/slice_renderer.h"
+#include "soft_volume/render/renderer.h"
 
 namespace soft_volume {
 namespace {
@@ -235,14 +235,11 @@ class Run {
 
   void publishFrame() {
     const core::RenderSettings& settings = session_.scene().rendering;
-    core::LegacyRenderOptions options;
-    options.slices = settings.options.slices;
-    options.shading = settings.options.shading;
     std::vector<core::Vector3f> positions;
     for (const core::Vector3& p : session_.simulation().positions())
       positions.push_back(p.cast<float>());
     const core::Camera& camera = settings.cameras[0].camera;
-    const core::Image image = renderer_.render(camera, positions, options).toRgb8(settings.background);
+    const core::Image image = renderer_.render(camera, positions, settings.options).toRgb8(settings.background);
 
     sensor_msgs::Image message;
     message.encoding = "rgb8";
@@ -258,6 +255,7 @@ class Run {
     stats.step = session_.steps();
     stats.camera = "camera";
     stats.pose = toPose(camera.T_volume_camera);
+    stats.coarseness = 1;
     stats.image_hash = core::hashVector(image.rgb);
     stats.renderer = renderer_.driver();
     publish(topics::kRenderStats, stats);
@@ -268,7 +266,7 @@ class Run {
   core::Session session_;
   Journal journal_;
   core::StateEncoder encoder_;
-  core::SliceRenderer renderer_;
+  core::Renderer renderer_{core::Backend::kNative};
   std::uint64_t sequence_ = 0;
   std::uint64_t published_ = 0;
   std::uint64_t journaled_step_ = 0;

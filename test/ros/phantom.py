@@ -17,14 +17,19 @@ BLOCK_MAX_M = numpy.array([0.087, 0.087, 0.071])
 TOP_Z_M = BLOCK_MAX_M[2]
 VERTICES = 13 * 13 * 11
 THRESHOLD = 50
+LABELS = (7, 300)
 
 
-def write_volume(path):
-  """Writes the block as a MetaImage: columns of 16 mm with 100 and 140, 0 around it."""
+def _block(column_values):
+  """Voxels of the block: columns of 16 mm with two values, 0 around it."""
   nx, ny, nz = DIMS
   k, j, i = numpy.mgrid[0:nz, 0:ny, 0:nx]
   inside = (i >= 4) & (i < 44) & (j >= 4) & (j < 44) & (k >= 4) & (k < 36)
-  values = numpy.where(inside, 100 + 40 * ((i // 8 + j // 8) % 2), 0).astype('<i2')
+  return numpy.where(inside, numpy.asarray(column_values)[(i // 8 + j // 8) % 2], 0).astype('<i2')
+
+
+def write_volume(path, column_values=(100, 140)):
+  """Writes the block as a MetaImage."""
   header = [
       'ObjectType = Image', 'NDims = 3', 'BinaryData = True', 'BinaryDataByteOrderMSB = False',
       'CompressedData = False', 'TransformMatrix = 1 0 0 0 1 0 0 0 1', 'Offset = 0 0 0', 'ElementSpacing = 2 2 2',
@@ -32,7 +37,7 @@ def write_volume(path):
   ]
   with open(path, 'wb') as file:
     file.write('\n'.join(header).encode())
-    file.write(values.tobytes())
+    file.write(_block(column_values).tobytes())
 
 
 _SCENE = {
@@ -86,10 +91,11 @@ def scene():
 
 
 def write_scene(folder, content=None, name='block.yaml'):
-  """Writes volume and scene into `folder`; returns the path of the scene."""
+  """Writes volume, labels and scene into `folder`; returns the path of the scene."""
   volume = os.path.join(folder, 'block.mha')
   if not os.path.exists(volume):
     write_volume(volume)
+    write_volume(os.path.join(folder, 'labels.mha'), LABELS)
   path = os.path.join(folder, name)
   with open(path, 'w') as file:
     yaml.safe_dump(content or scene(), file, sort_keys=False)

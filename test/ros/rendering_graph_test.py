@@ -4,6 +4,7 @@
 import copy
 import io
 
+import dynamic_reconfigure.client
 import numpy
 import PIL.Image
 import rospy
@@ -114,6 +115,179 @@ class RenderingTest(graph.GraphTest):
 
   def rest(self, vertex):
     return self.simulation.topologies.messages[-1].rest_positions[vertex]
+
+  def reconfigure(self, **values):
+    """Changes options of the renderer; returns what is in force then."""
+    if not hasattr(self, '_client'):
+      self._client = dynamic_reconfigure.client.Client('renderer', timeout=graph.LIMIT_S)
+    self._since = len(self.stats.messages)
+    return self._client.update_configuration(values)
+
+  def nextStats(self, condition=lambda stats: True, camera='top', since=None):
+    """The first render stats after the last reconfiguration, or after the first `since`, that meet the condition."""
+    old = self._since if since is None else since
+    return graph.wait_until(
+        lambda: next((s for s in self.stats.messages[old:] if s.camera == camera and condition(s)), None), 'render stats')
+
+  def testEveryFrameIsAsIfAllOfItHadBeenDrawn(self):
+    """What an incremental frame keeps from the frame before is what a full redraw of the same state has there."""
+    self.simulation.open_inputs()
+    images = self.watch()
+    images.wait(what='image')
+    drawn_in_part = 0
+    for n in range(10):
+      if n == 6:
+        self.simulation.cut(sequence=1)
+      self.simulation.push(sequence=n + 1, point__x=0.02 + 0.004 * n, footprint_radius=0.01, hold_steps=40)
+      step = self.simulation.step(50).step
+      # In the order in which they come: the state in part, all of it, and nothing new of it.
+      part = self.stats.wait(lambda s: s.camera == 'top' and s.step == step, 'frame of step %d' % step)
+      self.reconfigure(incremental=False)
+      full = self.stats.wait(lambda s: s.step == step and area(s) == 160 * 120, 'full redraw of step %d' % step)
+      self.assertEqual(full.image_hash, part.image_hash, 'step %d' % step)
+      before = full.frames_published
+      self.reconfigure(incremental=True)
+      self.stats.wait(lambda s: s.camera == 'top' and s.frames_published > before, 'frame after the full redraw')
+      if part is not full and area(part) < 160 * 120:
+        drawn_in_part += 1
+        self.assertGreater(area(part), 0)
+    self.assertGreater(drawn_in_part, 5)
+
+  def testOptionsChangeWhileItRuns(self):
+    scene = self.simulation.scenes.wait(what='scene')
+    images = self.watch()
+    first = self.stats.wait(what='frame')
+    self.assertEqual((first.backend, first.settings, first.coarseness), ('native', '', 1))
+    rendering = phantom.scene()['rendering']
+    config = self.reconfigure()
+    self.assertEqual((config.slices, config.shading, config.rate_hz), (rendering['slices'], rendering['shading'], 20.0))
+    hashes = {first.image_hash}
+    changes = [('slices', 160), ('shading', 0.3), ('specular', 0.9), ('step_m', 0.01), ('jitter', True),
+               ('clip_planes', '[[0, 1, 0, 0.047]]'), ('background', '[1, 0.5, 0]'), ('transfer_function', 'viridis'),
+               ('exact_boundary', True)]
+    for key, value in changes:
+      self.reconfigure(**{key: value})
+      changed = self.nextStats(lambda s: key + ':' in s.settings and s.image_hash not in hashes)
+      hashes.add(changed.image_hash)
+    self.assertLess(changed.slices, first.slices)
+    self.assertTrue((pixels(images.messages[-1])[0, 0] == (255, 128, 0)).all())
+    for backend in ('gl', 'exact', 'native'):
+      self.reconfigure(backend=backend, exact_boundary=False)
+      stats = self.nextStats(lambda s: s.backend == backend)
+      self.assertEqual(area(stats), 160 * 120)
+    # A renderer that starts again has the scene's values: the node writes no parameters.
+    self.kill(self.renderer)
+    self._since = len(self.stats.messages)
+    self.renderer = self.start('renderer_node')
+    again = self.nextStats()
+    self.assertEqual((again.image_hash, again.settings), (first.image_hash, ''))
+    self.assertEqual(scene.yaml, self.simulation.scenes.messages[-1].yaml)
+
+  def testOptionsThatCannotBeUsedChangeNothing(self):
+    self.watch()
+    first = self.stats.wait(what='frame')
+    before = self.reconfigure()
+    bad = [dict(slices=0), dict(slices=5000), dict(shading=1.5), dict(shading=float('nan')), dict(backend='magic'),
+           dict(clip_planes='[[0, 0, 0, 1]]'), dict(clip_planes='1'), dict(background='red'), dict(rate_hz=0.0),
+           dict(transfer_function='rainbow'), dict(transfer_function='/no/such/file.yaml')]
+    for values in bad:
+      self.assertEqual(self.reconfigure(**values), before, values)
+    self.wait_for_refusals('renderer', 'parameters', len(bad), '/no/such/file.yaml')
+    self.assertEqual(self.stats.messages[-1].image_hash, first.image_hash)
+    self.assertEqual(self.stats.messages[-1].settings, '')
+
+  def testParametersReplaceTheScene(self):
+    self.kill(self.renderer)
+    rospy.set_param('/tuned/clip_planes', [[0, 0, 1, 0.05]])
+    rospy.set_param('/tuned/shading', 0)
+    command = dict(name='tuned', slices='17', backend='exact', transfer_function='ct_bone', threads='1')
+    tuned = graph.Node('renderer_node', command.pop('name'), command, self.folder)
+    self._nodes.append(tuned)
+    self.watch()
+    stats = self.stats.wait(what='frame')
+    self.assertEqual(stats.backend, 'exact')
+    for text in ('slices: 17', 'shading: 0\n', '[0, 0, 1, 0.05]', 'backend: "exact"', 'rate_hz: 20'):
+      self.assertIn(text, stats.settings)
+    self.assertNotIn('slices: 40', stats.settings)
+    for parameters, reason in ((dict(slices='0'), 'slices is 0; it must be within [1, 4096]'),
+                               (dict(backend='vulkan'), 'native'), (dict(threads='-1'), 'threads')):
+      refused = self.start('renderer_node', name='refused', **parameters)
+      self.assertEqual(self.finish(refused), 1)
+      self.assertIn(reason, refused.output())
+
+  def testAChangeOfViewMayBeRefinedStepByStep(self):
+    self.watch()
+    complete = self.stats.wait(what='frame')
+    self.reconfigure(progressive=True)
+    self.assertEqual(self.nextStats().image_hash, complete.image_hash)
+    views = self.publisher('top/view', PoseStamped)
+    view = PoseStamped()
+    view.pose = copy.deepcopy(complete.pose)
+    view.pose.position.y += 0.01
+    first = len(self.stats.messages)
+    views.publish(view)
+    last = self.nextStats(lambda s: s.pose.position.y == view.pose.position.y and not s.refining, since=first)
+    frames = self.stats.messages[first:]
+    self.assertEqual([s.coarseness for s in frames], [8, 4, 2, 1])
+    self.assertEqual([s.refining for s in frames], [1, 1, 1, 0])
+    self.assertEqual([s.slices for s in frames], sorted(s.slices for s in frames))
+    self.assertLess(frames[0].slices, 0.2 * last.slices)
+    rospy.rostime.wallsleep(0.3)
+    self.assertIs(self.stats.messages[-1], last, 'nothing follows the complete frame')
+    # The end is what it is without refining.
+    self.reconfigure(progressive=False)
+    self.assertEqual(self.nextStats(lambda s: 'progressive: false' in s.settings).image_hash, last.image_hash)
+
+  def testACameraThatCannotBeDrawnIsSkippedWithItsReason(self):
+    """OpenGL may be missing; the native back end needs none."""
+    self.kill(self.renderer)
+    self.renderer = self.start('renderer_node', environment={'MESA_GL_VERSION_OVERRIDE': '2.1'}, backend='gl')
+    images = self.watch()
+    self.wait_for_status('renderer', lambda s: s.level in (2, b'\x02') and 'OpenGL' in s.message, 'an error of OpenGL')
+    self.assertEqual((images.messages, self.stats.messages), ([], []))
+    self.reconfigure(backend='native')
+    images.wait(what='image of the native back end')
+    self.wait_for_status('renderer', lambda s: s.level in (0, b'\x00'), 'no error')
+
+  def testLabelsAreThoseOfTheSurface(self):
+    scene = phantom.scene()
+    scene['volume']['labels'] = 'labels.mha'
+    self.simulation.node.stop()
+    self._killed.add(self.simulation.node)
+    self.simulation = graph.Simulation(self, scene)
+    labels = self.listen('top/labels', Image)
+    image = labels.wait(what='label image')
+    self.assertEqual((image.encoding, image.step, len(image.data)), ('mono16', 2 * 160, 2 * 160 * 120))
+    values = numpy.frombuffer(image.data, numpy.uint16).reshape(image.height, image.width)
+    depth = depths(self.listen('top/depth', Image).wait(what='depth'))
+    labels.wait(lambda i: i is not image, 'labels beside depth')
+    # Labels are there where depth is.
+    self.assertEqual(set(numpy.unique(values)), {0, *phantom.LABELS})
+    self.assertTrue(((values != 0) == ~numpy.isnan(depth)).mean() > 0.99)
+    # In the middle of every whole column of the top face.
+    info = self.listen('top/camera_info', CameraInfo).wait(what='camera info')
+    pose = self.stats.wait(lambda s: s.camera == 'top' and s.session == self.simulation.session, 'stats').pose
+    for i in range(1, 5):
+      for j in range(1, 5):
+        u, v = project([[0.016 * i + 0.007, 0.016 * j + 0.007, phantom.TOP_Z_M]], pose, info)[0].round().astype(int)
+        self.assertEqual(values[v, u], phantom.LABELS[(i + j) % 2], (i, j))
+
+  def testACameraMayBeParallel(self):
+    scene = phantom.scene()
+    top = scene['rendering']['cameras'][0]
+    del top['vertical_fov_rad']
+    top.update(projection='parallel', view_height_m=0.12)
+    self.simulation.node.stop()
+    self._killed.add(self.simulation.node)
+    self.simulation = graph.Simulation(self, scene)
+    images, infos = self.watch(), self.listen('top/camera_info', CameraInfo)
+    image = images.wait(what='image')
+    info = infos.wait(what='camera info')
+    self.assertEqual(list(info.P), [1000, 0, 0, 79.5, 0, 1000, 0, 59.5, 0, 0, 0, 1])
+    # 80 mm of block at 1000 pixels per metre, whatever its depth.
+    rows, columns = numpy.nonzero((pixels(image) != pixels(image)[0, 0]).any(axis=2))
+    self.assertAlmostEqual(columns.max() - columns.min() + 1, 80, delta=2)
+    self.assertAlmostEqual(rows.max() - rows.min() + 1, 80, delta=2)
 
   def testEveryCameraHasItsOwnPicture(self):
     expected = {c['name']: c for c in phantom.scene()['rendering']['cameras']}
@@ -281,6 +455,10 @@ class RenderingTest(graph.GraphTest):
     for damage in damages:
       publisher.publish(changed(good, damage))
     self.wait_for_refusals('renderer', topic, len(damages), last_reason)
+
+
+def area(stats):
+  return stats.updated_width * stats.updated_height
 
 
 def changed(message, changes):

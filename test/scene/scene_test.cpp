@@ -287,6 +287,8 @@ TEST(Scene, KeysOfTheRenderingAreOverriddenOneByOne) {
   expected.backend = Backend::kGl;
   expected.options.slices = 7;
   expectEqual(overrideRendering(scene, "{slices: 7, backend: gl}", "text"), expected);
+  // As a node does before it has a scene.
+  EXPECT_EQ(overrideRendering(Scene(), "{slices: 7}", "text").options.slices, 7);
   const auto refused = [&scene](const std::string& yaml, const std::string& part) {
     try {
       overrideRendering(scene, yaml, "the parameters");
