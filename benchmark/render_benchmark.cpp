@@ -1,17 +1,16 @@
 #include "render_benchmark.h"
 
 #include <benchmark/benchmark.h>
-#include <spawn.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-
 #include <algorithm>
 #include <array>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <functional>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -168,10 +167,12 @@ void timeFrames(benchmark::State& state, const FrameCase& frame_case) {
   FrameLoop loop(frame_case);
   loop.draw();
   Stages stages;
-  for (auto _ : state)
-    stages.add(loop.draw());
+  const Frame* frame = nullptr;
+  for (auto _ : state) {
+    frame = &loop.draw();
+    stages.add(*frame);
+  }
   stages.report(state);
-  const Frame* frame = &loop.draw();
   countFrame(state, *frame);
   if (!loop.showsScene())
     frame = &loop.draw();
@@ -179,25 +180,30 @@ void timeFrames(benchmark::State& state, const FrameCase& frame_case) {
     state.counters["error_levels"] = rmseLevels(*frame, *reference);
 }
 
+/// Most memory that this process has held so far, as the kernel counts it. (getrusage counts that of the process which
+/// started this one too.)
+double peakBytes() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind("VmHWM:", 0) == 0)
+      return 1024.0 * std::stod(line.substr(6));
+  }
+  return 0.0;
+}
+
 /// Peak memory of another process of this program that runs one case.
 double peakBytesOf(const std::string& case_name) {
-  const std::string filter = "--benchmark_filter=^" + case_name + "/process_time/real_time$";
-  std::vector<std::string> arguments = {"soft_volume_benchmark", filter, "--benchmark_min_time=0.01"};
-  std::vector<char*> argv;
-  for (std::string& argument : arguments)
-    argv.push_back(argument.data());
-  argv.push_back(nullptr);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, 1, "/dev/null", 1 /* O_WRONLY */, 0);
-  pid_t child = -1;
-  const int error = posix_spawn(&child, "/proc/self/exe", &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  int status = -1;
-  rusage usage{};
-  if (error != 0 || wait4(child, &status, 0, &usage) != child || status != 0)
-    throw Error(case_name + ": could not be run in a process of its own");
-  return 1024.0 * double(usage.ru_maxrss);
+  const std::string program = std::filesystem::read_symlink("/proc/self/exe").string();
+  const std::string command = "'" + program + "' '--benchmark_filter=^" + case_name +
+                              "/process_time/real_time$' --benchmark_min_time=0.01 --benchmark_format=json 2>/dev/null";
+  FILE* pipe = popen(command.c_str(), "r");
+  std::string output;
+  std::array<char, 4096> buffer{};
+  while (const std::size_t count = pipe != nullptr ? std::fread(buffer.data(), 1, buffer.size(), pipe) : 0)
+    output.append(buffer.data(), count);
+  if (pipe == nullptr || pclose(pipe) != 0)
+    throw Error(case_name + " does not run in a process of its own");
+  return nlohmann::json::parse(output).at("benchmarks").at(0).at("peak_rss_bytes").get<double>();
 }
 
 void timeMemory(benchmark::State& state, const std::string& case_name) {
@@ -247,15 +253,18 @@ FrameCase frameCase(const SubjectPointer& subject, const NamedFunction& function
   return result;
 }
 
-void addSlices(const FrameCase& frame_case) {
+void addNative(const FrameCase& frame_case) {
   const std::string slices = std::to_string(frame_case.options.slices);
+  addFrame(slices, "native", frame_case);
   FrameCase variant = frame_case;
-  addFrame(slices, "native", variant);
-  variant.backend = Backend::kGl;
-  addFrame(slices, "gl", variant);
-  variant = frame_case;
   variant.options.exact_boundary = true;
   addFrame(slices, "native_boundary", variant);
+}
+
+void addGl(const FrameCase& frame_case) {
+  FrameCase variant = frame_case;
+  variant.backend = Backend::kGl;
+  addFrame(std::to_string(frame_case.options.slices), "gl", variant);
 }
 
 void addExact(const FrameCase& frame_case) {
@@ -265,44 +274,58 @@ void addExact(const FrameCase& frame_case) {
   addFrame("all", "exact", variant);
 }
 
-/// What is measured at one number of slices only.
-void addVariants(const FrameCase& frame_case) {
+void addUpdate(const FrameCase& frame_case) {
+  FrameCase variant = frame_case;
+  variant.incremental = true;
+  addFrame(std::to_string(frame_case.options.slices), "incremental", variant);
+}
+
+void addNoSkip(const FrameCase& frame_case) {
+  FrameCase variant = frame_case;
+  variant.compare = false;
+  variant.function.function = withoutGaps(frame_case.function.function);
+  addFrame(std::to_string(frame_case.options.slices), "native_noskip", variant);
+}
+
+/// Options whose cost is for a user to know, not for a goal.
+void addOptions(const FrameCase& frame_case) {
   const std::string slices = std::to_string(frame_case.options.slices);
   FrameCase variant = frame_case;
   variant.options.adaptive = true;
   addFrame(slices, "native_adaptive", variant);
   variant = frame_case;
-  variant.incremental = true;
-  addFrame(slices, "incremental", variant);
-  variant = frame_case;
   variant.compare = false;
-  variant.function.function = withoutGaps(frame_case.function.function);
-  addFrame(slices, "native_noskip", variant);
-  variant.function = frame_case.function;
   variant.options.shading = RenderOptions().shading;
   addFrame(slices, "native_shaded", variant);
   variant.backend = Backend::kGl;
   addFrame(slices, "gl_shaded", variant);
 }
 
-/// Everything in the first two views; in the others what shows that no direction is worse.
+struct SliceCounts {
+  std::vector<int> native;
+  std::vector<int> gl;  ///< fewer, as its frames take long
+};
+
+/// The first two views in full, the second with every option; in the others what shows that no direction is worse.
 void addView(const SubjectPointer& subject, const NamedFunction& function, std::size_t view,
-             const std::vector<int>& slices) {
+             const SliceCounts& slices) {
   const RenderingScene& scene = subject->scene();
   const auto at = [&](int count) { return frameCase(subject, function, scene.views[view], count); };
-  if (view < 2) {
-    for (const int count : slices)
-      addSlices(at(count));
-    addVariants(at(scene.slices));
-  } else {
-    addFrame(std::to_string(scene.slices / 2), "native", at(scene.slices / 2));
-    addSlices(at(scene.slices));
-    addFrame(std::to_string(scene.slices * 2), "native", at(scene.slices * 2));
-  }
+  const bool in_full = view < 2 && function.name != "opaque";
+  for (const int count : in_full ? slices.native : std::vector<int>{scene.slices / 2, scene.slices})
+    addNative(at(count));
+  for (const int count : view < 2 ? slices.gl : std::vector<int>{scene.slices})
+    addGl(at(count));
   addExact(at(scene.slices));
+  if (in_full) {
+    addUpdate(at(scene.slices));
+    addNoSkip(at(scene.slices));
+  }
+  if (in_full && view == 1)
+    addOptions(at(scene.slices));
 }
 
-void addScene(RenderingScene scene, const std::vector<int>& slices) {
+void addScene(RenderingScene scene, const SliceCounts& slices) {
   const auto subject = std::make_shared<Subject>(std::move(scene));
   for (const NamedFunction& function : subject->scene().functions) {
     for (std::size_t view = 0; view < subject->scene().views.size(); ++view) {
@@ -344,13 +367,13 @@ void addBluntFin() {
                  "in $SOFT_VOLUME_DATA/blunt_fin\n");
     return;
   }
-  addScene(bluntFinScene(folder), {25, 50, 100, 200, 400});
+  addScene(bluntFinScene(folder), {{25, 50, 100, 200, 400}, {50, 100, 200}});
 }
 
 void addMriLattice() {
   std::string why_not;
   if (const auto scene = mriLatticeScene(why_not))
-    addScene(std::move(*scene), {62, 125, 250});
+    addScene(std::move(*scene), {{62, 125, 250}, {125}});
   else
     std::fprintf(stderr, "The cases render/mri_lattice/... are left out: %s\n", why_not.c_str());
 }
@@ -369,6 +392,7 @@ void addLinear(std::size_t cells) {
     frame_case.compare = false;
     timeFrames(state, frame_case);
     state.counters["grid_cells"] = double(scene.grid.cellCount());
+    state.counters["peak_rss_bytes"] = peakBytes();  // of this process, whatever else ran in it: timeMemory() asks
   });
   add("memory/" + std::to_string(cells) + "/native",
       [name](benchmark::State& state) { timeMemory(state, "render/" + name); });
@@ -380,7 +404,7 @@ void registerRenderBenchmarks() {
   setenv("LP_NUM_THREADS", std::to_string(kThreads).c_str(), 0);
   addBluntFin();
   addMriLattice();
-  addScene(curvilinearScene(40000), {50, 100});
+  addScene(curvilinearScene(40000), {{50, 100}, {100}});
   for (const std::size_t cells : {40000, 200000, 1000000})
     addLinear(cells);
 }
