@@ -374,7 +374,7 @@ class Renderer::Impl {
     for (std::size_t cell = 0; cell < grid_.cellCount(); ++cell) {
       bool is_changed = false;
       forEachCorner(grid_, cell, [&](std::uint32_t v) { is_changed = is_changed || changed[v] != 0; });
-      if (!is_changed || skipped_[cell] != 0)
+      if (!is_changed || skippedWith(options)[cell] != 0)
         continue;
       bool is_behind = false;
       forEachCorner(grid_, cell, [&](std::uint32_t v) {
@@ -420,18 +420,21 @@ class Renderer::Impl {
     frame_.updated = rect;
     frame_.slices = 0;
     frame_.polygons = frame_.fragments = 0;
-    frame_.cells = std::size_t(std::count(skipped_.begin(), skipped_.end(), 0));
+    const std::vector<std::uint8_t>& skipped = skippedWith(options);
+    frame_.cells = std::size_t(std::count(skipped.begin(), skipped.end(), 0));
     frame_.transform_ms = frame_.bucket_ms = frame_.slice_ms = frame_.render_ms = 0.0;
   }
 
   const DrawJob& jobFor(const Camera& camera, const RenderOptions& options, const PixelRect& rect,
                         const SlicePlanes& planes, bool cross_section) {
-    return job_.emplace(DrawJob{camera, options, slicer_.positions(), skipped_, rect, planes, cross_section});
+    return job_.emplace(DrawJob{camera, options, slicer_.positions(), cross_section ? empty_ : skippedWith(options),
+                                rect, planes, cross_section});
   }
 
   void drawSlices(const Camera& camera, const RenderOptions& options, const View& view, PixelRect rect,
                   bool cross_section = false) {
     const int threads = threadsFor(options.threads);
+    const std::vector<std::uint8_t>& skipped = cross_section ? empty_ : skippedWith(options);
     Stopwatch watch;
     if (rect.empty() || view.planes.count == 0) {
       planes_extra_.clear();
@@ -439,13 +442,13 @@ class Renderer::Impl {
         clear(rect);
       return;
     }
-    slicer_.bucket(camera, view.planes, skipped_, rect, options.adaptive, threads);
+    slicer_.bucket(camera, view.planes, skipped, rect, options.adaptive, threads);
     planes_extra_ = slicer_.extraPlanes();
     if (rect.pixels() != wholeImage(camera).pixels() && planes_extra_ != last_->extra_planes) {
       // Planes that come or go change the whole image.
       rect = wholeImage(camera);
       startFrame(camera, options, rect);
-      slicer_.bucket(camera, view.planes, skipped_, rect, options.adaptive, threads);
+      slicer_.bucket(camera, view.planes, skipped, rect, options.adaptive, threads);
     }
     frame_.bucket_ms = watch.lap();
     canvas_->begin(jobFor(camera, options, rect, view.planes, cross_section));
@@ -477,7 +480,7 @@ class Renderer::Impl {
     Stopwatch watch;
     if (!rect.empty()) {
       clear(rect);
-      tracer_.draw(camera, options, slicer_.positions(), skipped_, rect, frame_);
+      tracer_.draw(camera, options, slicer_.positions(), skippedWith(options), rect, frame_);
     }
     frame_.render_ms = watch.lap();
   }
@@ -491,7 +494,8 @@ class Renderer::Impl {
 
   void storeSlices() {
     slicer_.transform(last_->camera, last_->positions, threadsFor(last_->options.threads));
-    slicer_.bucket(last_->camera, last_->view.planes, skipped_, wholeImage(last_->camera), last_->options.adaptive);
+    slicer_.bucket(last_->camera, last_->view.planes, skippedWith(last_->options), wholeImage(last_->camera),
+                   last_->options.adaptive);
     stored_.emplace();
     slicer_.slice(0, slicer_.planeCount(), threadsFor(last_->options.threads), *stored_);
   }
@@ -577,25 +581,32 @@ class Renderer::Impl {
     return ranges;
   }
 
-  /// A slab reaches beyond its cell, so a transparent cell next to one with opacity is drawn too. Cells without a
-  /// scalar never are.
+  /// Cells without a scalar are never drawn, those that the transfer function makes transparent only where a slab that
+  /// reaches beyond its cell needs them: next to one with opacity, when boundaries are not exact.
   void updateSkipped() {
     forgetFrame();
     if (!table_ || ranges_.size() != grid_.cellCount())
       return;
     std::vector<std::uint8_t> visible(grid_.vertexCount(), 0);
-    const auto isNone = [&](std::size_t cell) { return std::isnan(ranges_[cell][0]); };
+    empty_.resize(ranges_.size());
+    transparent_.resize(ranges_.size());
     for (std::size_t cell = 0; cell < ranges_.size(); ++cell) {
-      if (isNone(cell) || table_->isTransparent(ranges_[cell][0], ranges_[cell][1]))
-        continue;
-      forEachCorner(grid_, cell, [&](std::uint32_t v) { visible[v] = 1; });
+      empty_[cell] = std::uint8_t(std::isnan(ranges_[cell][0]));
+      transparent_[cell] = std::uint8_t(empty_[cell] != 0 || table_->isTransparent(ranges_[cell][0], ranges_[cell][1]));
+      if (transparent_[cell] == 0)
+        forEachCorner(grid_, cell, [&](std::uint32_t v) { visible[v] = 1; });
     }
-    skipped_.resize(ranges_.size());
+    far_from_visible_.resize(ranges_.size());
     for (std::size_t cell = 0; cell < ranges_.size(); ++cell) {
       bool drawn = false;
       forEachCorner(grid_, cell, [&](std::uint32_t v) { drawn = drawn || visible[v] != 0; });
-      skipped_[cell] = std::uint8_t(!drawn || isNone(cell));
+      far_from_visible_[cell] = std::uint8_t(!drawn || empty_[cell] != 0);
     }
+  }
+
+  const std::vector<std::uint8_t>& skippedWith(const RenderOptions& options) const {
+    const bool exact = backend_ == Backend::kExact || (backend_ == Backend::kNative && options.exact_boundary);
+    return exact ? transparent_ : far_from_visible_;
   }
 
   const Backend backend_;
@@ -609,7 +620,10 @@ class Renderer::Impl {
   std::optional<TransferTable> table_;
   double rest_diagonal_m_ = 0.0;
   std::vector<std::array<double, 2>> ranges_;  ///< per cell, scalars; NaN where there is none
-  std::vector<std::uint8_t> skipped_;          ///< per cell, 1 where the transfer function shows nothing
+  // Per cell, 1 where it is not drawn.
+  std::vector<std::uint8_t> empty_;             ///< has no scalar
+  std::vector<std::uint8_t> transparent_;       ///< or shows nothing
+  std::vector<std::uint8_t> far_from_visible_;  ///< or neither it nor a neighbour shows anything
   std::optional<DrawJob> job_;
   std::vector<float> planes_extra_;
   Frame frame_;

@@ -97,8 +97,4 @@ const SliceLoops* sliceTable(CellType type) {
   }
 }
 
-const std::array<SliceLoops, 256>& hexahedronSliceTable() {
-  return tableOf<CellType::kHexahedron>();
-}
-
 }  // namespace soft_volume::core

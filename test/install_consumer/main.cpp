@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "soft_volume/render/slice_renderer.h"
+#include "soft_volume/render/renderer.h"
 #include "soft_volume/session/session.h"
 
 namespace sv = soft_volume::core;
@@ -67,7 +67,7 @@ int run() {
   const sv::Scene scene = sv::parseScene(kScene, "consumer", ".");
   const auto tissue = makeTissue();
   sv::Session session(scene, tissue, nullptr, 1, 1);
-  sv::SliceRenderer renderer;
+  sv::Renderer renderer(sv::Backend::kNative);
   renderer.setVolume(tissue);
   renderer.setTransferFunction(scene.rendering.transfer_function);
   renderer.setTopology(session.topology());

@@ -8,7 +8,6 @@
 
 #include "soft_volume/grid/topology.h"
 #include "soft_volume/render/camera.h"
-#include "soft_volume/render/slice_renderer.h"
 #include "soft_volume/volume/transfer_function.h"
 #include "soft_volume/volume/volume.h"
 
@@ -87,10 +86,6 @@ inline Camera straightCamera(const Vector3& eye, int width = 64, int height = 48
   camera.cy = 0.5 * (height - 1);
   camera.T_volume_camera.position_m = eye;
   return camera;
-}
-
-inline const float* pixelOf(const LegacyFrame& frame, int u, int v) {
-  return &frame.rgba[4 * (std::size_t(v) * std::size_t(frame.width) + std::size_t(u))];
 }
 
 }  // namespace soft_volume::core

@@ -26,13 +26,4 @@ struct SliceLoops {
 /// of a cell with outward faces run counter-clockwise.
 const SliceLoops* sliceTable(CellType type);
 
-/// As in shapeOf(CellType::kHexahedron).
-inline constexpr std::array<std::array<std::uint8_t, 2>, 12> kHexahedronEdges = {
-    {{0, 1}, {1, 2}, {3, 2}, {0, 3}, {4, 5}, {5, 6}, {7, 6}, {4, 7}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}};
-inline constexpr std::array<std::array<std::uint8_t, 4>, 6> kHexahedronFaces = {
-    {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}}};
-
-/// sliceTable(CellType::kHexahedron).
-const std::array<SliceLoops, 256>& hexahedronSliceTable();
-
 }  // namespace soft_volume::core
