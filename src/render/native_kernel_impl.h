@@ -855,6 +855,7 @@ SOFT_VOLUME_INLINE Sample readSample(const CompositeJob& job, int plane, int at)
   sample.more[2] = load(job.sample[2] + place);
   sample.value =
       kind == SampleKind::kColour ? load(job.sample[3] + place) : select(isNumber(first), pending(), nothing());
+  sample.entry = Ints{};  // the entries of all lanes are looked up, also of those that are still pending
   return sample;
 }
 
