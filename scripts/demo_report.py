@@ -195,7 +195,7 @@ def summarize(run, bag, frames, replay):
         "frames_recorded": len(frames),
         "distinct_frames": len({frame.digest for frame in frames}),
         "frame_size": list(frames[0].size),
-        "slices": min(m.slices for m in run.render_stats),
+        "slices": max(m.slices for m in run.render_stats),
         "render_ms_median": round(statistics.median(m.total_ms for m in run.render_stats), 2),
         "renderer": run.render_stats[-1].renderer,
         "max_displacement_m": last.max_displacement_ever,
