@@ -51,8 +51,13 @@ def goals(medians):
 
 def machine(context):
     build = " ".join(context.get("build", "").split())
-    return (f"Measured on {context.get('processor', 'an unknown processor')}, {context['num_cpus']} cores; compiler "
+    text = (f"Measured on {context.get('processor', 'an unknown processor')}, {context['num_cpus']} cores; compiler "
             f"{context.get('compiler')}, `{build}`.")
+    load = max(context.get("load_avg") or [0.0])
+    if load > 2 * context["num_cpus"] + 1:  # the benchmark before it leaves some load, too
+        text += (f" **Other programs ran meanwhile (load {load:.1f}): errors and counts are right, times and their ratios "
+                 "are not to be trusted until this is measured again.**")
+    return text
 
 
 def read_json(path):
