@@ -594,7 +594,7 @@ SOFT_VOLUME_INLINE void addMean(const CompositeJob& job, const PixelState& state
     rays.colour[n] += select(segment.mask, share * mean.colour_scale * mean.sum[n], all(0.0F));
   rays.moment += select(segment.mask, share * (segment.front + segment.back), all(0.0F));
   const Floats after = rays.opacity + share;
-  if (state.depth != nullptr)
+  if (state.depth != nullptr || state.label != nullptr)
     setDepth(job, state, rays, segment, rays.opacity, after, halvings);
   rays.opacity = after;
 }
@@ -1086,8 +1086,7 @@ SOFT_VOLUME_INLINE Rays loadRays(const CompositeJob& job, const PixelState& stat
   }
   rays.z = load(state.sample_z + rays.pixel);
   rays.back = load(state.sample_back + rays.pixel);
-  if (state.depth != nullptr)
-    rays.depth = load(state.depth + rays.pixel);
+  rays.depth = state.depth != nullptr ? load(state.depth + rays.pixel) : Floats{};
   rays.slope_x = (float(x) + lanes() - job.cx) * job.slope_x;
   rays.slope_y = all((float(y) - job.cy) * job.slope_y);
   rays.way_per_z = squareRoot(1.0F + rays.slope_x * rays.slope_x + rays.slope_y * rays.slope_y);

@@ -288,6 +288,9 @@ TEST_P(AnyBackend, LabelsAreThoseOfTheDepth) {
     ++compared;
   });
   EXPECT_GT(compared, 500);
+  const std::vector<std::uint16_t> with_depth = frame.labels;
+  options.depth = false;
+  EXPECT_EQ(scene.render(camera, options).labels, with_depth);
 }
 
 TEST_P(AnyBackend, ClipPlanesCutTheFogExactly) {
