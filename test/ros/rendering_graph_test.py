@@ -436,6 +436,8 @@ class RenderingTest(graph.GraphTest):
 
     after = self.lookAgain()
     self.assertTrue((pixels(before) == pixels(after)).all())
+    # The statistics of a frame come after its images.
+    self.stats.wait(lambda s: s.frames_rejected >= 20, 'statistics of the last picture')
     self.assertEqual(self.stats.messages[-1].frames_rejected, 20)
 
   def testAStateWithoutItsTopologyIsReported(self):
