@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "light.h"
+#include "mipmap.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/parallel.h"
 #include "volume_texels.h"
@@ -308,13 +309,9 @@ double GlCanvas::levelOf(const Slice& slice) const {
   if (variant_.source != GlSource::kTexture)
     return 0.0;
   const Camera& camera = job_->camera;
-  const double distance_m = camera.projection == Projection::kPerspective ? double(slice.z_m) : 1.0;
-  const Matrix3 axes = camera.T_volume_camera.orientation.toRotationMatrix();
-  const Vector3 dims = objects_->volume.volume()->geometry().dims.cast<double>();
-  const auto voxels = [&](const Vector3& pixel) { return dims.cwiseProduct(mean_map_ * pixel).norm(); };
-  const double width =
-      std::max(voxels(axes.col(0) * distance_m / camera.fx), voxels(axes.col(1) * distance_m / camera.fy));
-  return std::max(0.0, std::log2(width));
+  const double depth = camera.projection == Projection::kPerspective ? double(slice.z_m) : 1.0;
+  const Vector3i& dims = objects_->volume.volume()->geometry().dims;
+  return std::max(0.0, std::log2(depth * pixelWidth(camera, dims, mean_map_)));
 }
 
 const GlProgram& GlCanvas::useProgram(double level) {

@@ -1,5 +1,6 @@
 #include "mipmap.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -83,6 +84,12 @@ std::vector<Texel> halveVolume(const Texel* texels, const Vector3i& dims) {
     }
   });
   return result;
+}
+
+double pixelWidth(const Camera& camera, const Vector3i& dims, const Matrix3& texture_per_m) {
+  const Matrix3 axes = camera.T_volume_camera.orientation.toRotationMatrix();
+  const auto voxels = [&](const Vector3& way) { return dims.cast<double>().cwiseProduct(texture_per_m * way).norm(); };
+  return std::max(voxels(axes.col(0)) / camera.fx, voxels(axes.col(1)) / camera.fy);
 }
 
 template std::vector<std::int16_t> halveVolume(const std::int16_t*, const Vector3i&);

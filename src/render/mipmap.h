@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "soft_volume/common/geometry.h"
+#include "soft_volume/render/camera.h"
 
 namespace soft_volume::core {
 
@@ -16,5 +17,9 @@ inline Vector3i halvedDims(const Vector3i& dims) {
 /// drivers do not promise for their own mipmaps. For std::int16_t, std::uint16_t and float.
 template <typename Texel>
 std::vector<Texel> halveVolume(const Texel* texels, const Vector3i& dims);
+
+/// Width in voxels of a pixel at a depth of 1 m, or at any depth under parallel projection: along that side where it is
+/// wider. `texture_per_m` is how the texture coordinates of a volume of `dims` voxels change in the volume frame.
+double pixelWidth(const Camera& camera, const Vector3i& dims, const Matrix3& texture_per_m);
 
 }  // namespace soft_volume::core

@@ -6,9 +6,11 @@
 #include <limits>
 
 #include "light.h"
+#include "mipmap.h"
 #include "native_tile.h"
 #include "soft_volume/common/parallel.h"
 #include "soft_volume/grid/cell_shape.h"
+#include "vertex_gradients.h"
 
 namespace soft_volume::core {
 namespace {
@@ -106,6 +108,13 @@ void thicken(const Texel* from, const Vector3i& dims, const Vector3i& padded, st
   }
 }
 
+void setDims(const Vector3i& dims, TexelView& view) {
+  for (int axis = 0; axis < 3; ++axis)
+    view.dims[axis] = dims[axis];
+  view.row = std::size_t(dims.x());
+  view.slice = view.row * std::size_t(dims.y());
+}
+
 TexelView texelView(const VolumeTexels& texels, const Vector3i& dims, std::vector<std::uint8_t>& padded_texels) {
   TexelView view{};
   view.texels = texels.data();
@@ -120,10 +129,7 @@ TexelView texelView(const VolumeTexels& texels, const Vector3i& dims, std::vecto
       thicken(static_cast<const float*>(texels.data()), dims, padded, padded_texels);
     view.texels = padded_texels.data();
   }
-  for (int axis = 0; axis < 3; ++axis)
-    view.dims[axis] = padded[axis];
-  view.row = std::size_t(padded.x());
-  view.slice = view.row * std::size_t(padded.y());
+  setDims(padded, view);
   return view;
 }
 
@@ -205,6 +211,59 @@ void NativeCanvas::setVolume(const Volume& volume) {
   else
     brick_ranges_ = rangesOf<float>(volume_view_, bricks_, threads);
   brick_visible_.clear();
+  mipmap_.clear();
+  mipmap_texels_.clear();
+}
+
+template <typename Texel>
+void NativeCanvas::makeMipmap(const Texel* texels) {
+  const Vector3i all = volume_geometry_.dims;
+  Vector3i dims = all;
+  std::vector<Texel> level;
+  while (dims.maxCoeff() > 1) {
+    level = halveVolume(level.empty() ? texels : level.data(), dims);
+    dims = halvedDims(dims);
+    const Vector3i padded = dims.cwiseMax(2);
+    TexelView view{};
+    view.type = volume_view_.type;
+    setDims(padded, view);
+    for (int axis = 0; axis < 3; ++axis) {
+      view.per_voxel[axis] = float(dims[axis]) / float(all[axis]);
+      view.offset[axis] = 0.5F * view.per_voxel[axis] - 0.5F;
+    }
+    thicken(level.data(), dims, padded, mipmap_texels_.emplace_back());
+    view.texels = mipmap_texels_.back().data();
+    mipmap_.push_back(view);
+  }
+}
+
+/// The coarser levels are used where a plane lies so far away that pixels are wider than voxels. What a pixel gets
+/// depends on its depth alone, not on whether the other planes need a mipmap.
+void NativeCanvas::prepareMipmap() {
+  volume_view_.coarser_levels = 0;
+  if (kind_ != SampleKind::kTexture)
+    return;
+  if (!texture_per_m_) {
+    VertexGradients gradients;
+    gradients.setGrid(*grid_);
+    texture_per_m_ = gradients.meanOfTexture(threads_);
+  }
+  const SlicePlanes& planes = job_->planes;
+  const bool perspective = job_->camera.projection == Projection::kPerspective;
+  const double farthest_m = planes.depth(planes.count);
+  const double width = pixelWidth(job_->camera, volume_geometry_.dims, *texture_per_m_);
+  if (!(width * (perspective ? farthest_m : 1.0) > 1.0))
+    return;
+  if (mipmap_.empty() && volume_view_.type == 0)
+    makeMipmap(static_cast<const std::int16_t*>(texels_->data()));
+  else if (mipmap_.empty() && volume_view_.type == 1)
+    makeMipmap(static_cast<const std::uint16_t*>(texels_->data()));
+  else if (mipmap_.empty())
+    makeMipmap(static_cast<const float*>(texels_->data()));
+  volume_view_.coarser = mipmap_.data();
+  volume_view_.coarser_levels = int(mipmap_.size());
+  volume_view_.pixel_width = perspective ? 0.0F : float(width);
+  volume_view_.pixel_width_per_depth = perspective ? float(width) : 0.0F;
 }
 
 /// Bricks that show something, and those around them.
@@ -243,6 +302,7 @@ void NativeCanvas::setTable(const TransferTable& table) {
 void NativeCanvas::setGrid(const DrawnGrid& grid) {
   grid_ = &grid;
   boundary_known_ = false;
+  texture_per_m_.reset();
 }
 
 SampleKind NativeCanvas::kind() const {
@@ -345,6 +405,7 @@ void NativeCanvas::begin(const DrawJob& job) {
   slices_ = 0;
   prepareColours();
   findVisibleBricks();
+  prepareMipmap();
   prepareTiles();
   prepareJob();
   if (job.options.exact_boundary && !job.cross_section)

@@ -40,6 +40,9 @@ class NativeCanvas : public Canvas {
   void prepareJob();
   void prepareColours();
   void findVisibleBricks();
+  void prepareMipmap();
+  template <typename Texel>
+  void makeMipmap(const Texel* texels);
   void prepareValues(const SliceMesh& mesh);
   void binPolygons(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice);
   void drawRun(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice, bool last);
@@ -69,6 +72,9 @@ class NativeCanvas : public Canvas {
   std::optional<VolumeTexels> texels_;
   std::vector<std::uint8_t> padded_texels_;  ///< where the volume is one voxel thin
   TexelView volume_view_{};
+  std::vector<TexelView> mipmap_;  ///< of volume_view_ but the finest level; empty until a frame needs it
+  std::vector<std::vector<std::uint8_t>> mipmap_texels_;
+  std::optional<Matrix3> texture_per_m_;  ///< mean over the grid at rest, as pixelWidth() takes it; made when needed
   VolumeGeometry volume_geometry_;
   std::vector<std::uint16_t> labels_;
   LabelView label_view_{};

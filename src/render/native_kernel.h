@@ -74,7 +74,7 @@ struct TableView {
 constexpr int kBrickShift = 2;
 constexpr int kBrickTexels = 1 << kBrickShift;
 
-/// The volume's texels, at least two along each axis.
+/// The volume's texels, or those of a coarser level of its mipmap; at least two along each axis.
 struct TexelView {
   const void* texels;
   int type;  ///< 0: int16, 1: uint16, 2: float32
@@ -83,6 +83,10 @@ struct TexelView {
   /// Per brick of kBrickTexels^3, x fastest: 0 where neither it nor a brick around it shows anything. Null: not known.
   const std::uint8_t* visible;
   int brick_row, brick_slice;
+  float per_voxel[3], offset[3];             ///< of a coarser level: texel index = voxel index * per_voxel + offset
+  const TexelView* coarser;                  ///< level 1 and on, each half of the one before along each axis
+  int coarser_levels;                        ///< 0: no pixel is wider than a voxel
+  float pixel_width, pixel_width_per_depth;  ///< a pixel's width at depth z: pixel_width + z * pixel_width_per_depth
 };
 
 /// What is known of a block of pixels.

@@ -399,8 +399,8 @@ SOFT_VOLUME_INLINE Floats trilinearTexels(const TexelView& volume, const Place& 
   return front + place.fz * (back - front);
 }
 
-/// The scalar at a place given in voxels, clamped to the volume; lanes that are not wanted get anything.
-SOFT_VOLUME_INLINE Floats fetch(const TexelView& volume, const Floats* voxel, int wanted) {
+/// The scalar at a place given in texels, clamped to the volume; lanes that are not wanted get anything.
+SOFT_VOLUME_INLINE Floats fetchTexels(const TexelView& volume, const Floats* voxel, int wanted) {
   const Place place = placeOf(volume, voxel);
   if (volume.type == 0)
     return trilinearTexels<std::int16_t, std::int32_t>(volume, place, wanted);
@@ -409,9 +409,53 @@ SOFT_VOLUME_INLINE Floats fetch(const TexelView& volume, const Floats* voxel, in
   return trilinearTexels<float, std::int64_t>(volume, place, wanted);
 }
 
-/// Lanes in or next to a brick that shows something.
-SOFT_VOLUME_INLINE Ints isVisible(const TexelView& volume, const Floats* voxel, int wanted) {
-  if (volume.visible == nullptr)
+/// In voxels.
+SOFT_VOLUME_INLINE Floats pixelWidth(const TexelView& volume, const Floats& z) {
+  return volume.pixel_width + z * volume.pixel_width_per_depth;
+}
+
+/// Of the mipmap: how many times a pixel has to be halved to be no wider than a voxel. The logarithm goes linearly from
+/// one power of two to the next, as a float number's bits do.
+SOFT_VOLUME_INLINE Floats levelOf(const TexelView& volume, const Floats& z) {
+  const Floats width = pixelWidth(volume, z);
+  Ints bits;
+  __builtin_memcpy(&bits, &width, sizeof(bits));
+  constexpr std::int32_t kBitsOfOne = 0x3F800000;
+  return clamp(toFloats(bits - kBitsOfOne) * (1.0F / 8388608.0F), 0.0F, float(volume.coarser_levels));
+}
+
+/// From the two levels of the mipmap that fit best, in parts.
+__attribute__((noinline)) void fetchMipmapped(const TexelView& volume, const Floats* voxel, const Floats& z, int wanted,
+                                              Floats& value) {
+  const Floats level = levelOf(volume, z);
+  value = all(0.0F);
+  for (int n = 0; n <= volume.coarser_levels; ++n) {
+    const Floats part = 1.0F - larger(level - float(n), float(n) - level);
+    const Ints takes = part > 0.0F;
+    const int bits = bitsOf(takes) & wanted;
+    if (bits == 0)
+      continue;
+    const TexelView& texels = n == 0 ? volume : volume.coarser[n - 1];
+    Floats texel[3];
+    for (int axis = 0; axis < 3; ++axis)
+      texel[axis] = n == 0 ? voxel[axis] : voxel[axis] * texels.per_voxel[axis] + texels.offset[axis];
+    value += select(takes, part * fetchTexels(texels, texel, bits), all(0.0F));
+  }
+}
+
+/// The scalar at a place given in voxels, clamped to the volume, as pixels at depth z see it; lanes that are not wanted
+/// get anything.
+SOFT_VOLUME_INLINE Floats fetch(const TexelView& volume, const Floats* voxel, const Floats& z, int wanted) {
+  if (volume.coarser_levels == 0)
+    return fetchTexels(volume, voxel, wanted);
+  Floats value;
+  fetchMipmapped(volume, voxel, z, wanted, value);
+  return value;
+}
+
+/// Lanes in or next to a brick that shows something, and those where pixels see the means of many bricks.
+SOFT_VOLUME_INLINE Ints isVisible(const TexelView& volume, const Floats* voxel, float z, int wanted) {
+  if (volume.visible == nullptr || (volume.coarser_levels > 0 && pixelWidth(volume, all(z))[0] > 1.0F))
     return allInts(-1);
   const Place place = placeOf(volume, voxel);
   const Ints brick = (place.x >> kBrickShift) + (place.y >> kBrickShift) * volume.brick_row +
@@ -496,14 +540,14 @@ SOFT_VOLUME_INLINE void selectSample(const Ints& mask, const Sample& a, const Sa
   for (int n = 0; n < 4; ++n)
     s.sum.c[n] = select(mask, a.sum.c[n], b.sum.c[n]);
 }
-/// The sample of a volume is looked up anew, those of grids go linearly from one to the other.
+/// The sample of a volume is looked up anew, at depth z, those of grids go linearly from one to the other.
 template <SampleKind kind>
 SOFT_VOLUME_INLINE void sampleBetween(const CompositeJob& job, const Sample& a, const Sample& b, const Floats& t,
-                                      int wanted, Sample& s) {
+                                      const Floats& z, int wanted, Sample& s) {
   for (int n = 0; n < 3 && kind != SampleKind::kScalar; ++n)
     s.more[n] = between(a.more[n], b.more[n], t);
   if (kind == SampleKind::kTexture)
-    s.value = fetch(job.volume, s.more, wanted);
+    s.value = fetch(job.volume, s.more, z, wanted);
   else
     s.value = between(a.value, b.value, t);
   classify<kind>(job.table, s);
@@ -621,11 +665,11 @@ __attribute__((noinline)) void addParts(const CompositeJob& job, const PixelStat
   const int wanted = bitsOf(segment.mask);
   for (int n = 1; n <= kParts; ++n) {
     const Floats t = all(float(n) / float(kParts));
+    part.back = n < kParts ? between(segment.front, segment.back, t) : segment.back;
     if (n < kParts)
-      sampleBetween<kind>(job, segment.from, segment.to, t, wanted, part.to);
+      sampleBetween<kind>(job, segment.from, segment.to, t, part.back, wanted, part.to);
     else
       copySample<kind>(part.to, segment.to);
-    part.back = n < kParts ? between(segment.front, segment.back, t) : segment.back;
     part.mask = segment.mask & isNumber(part.to.value) & isNumber(part.from.value);
     const Mean mean = meanOf<kind>(job, part, rays.cache);
     addMean(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption));
@@ -665,7 +709,8 @@ SOFT_VOLUME_INLINE Gradient inCameraFrame(const Rays& rays, const Floats& x, con
 /// of the plane tell, so the deformation is followed.
 SOFT_VOLUME_INLINE Gradient textureGradient(const CompositeJob& job, const Rays& rays, const Segment& segment,
                                             int plane, int at, const Floats& t, int wanted) {
-  const float step = 0.6F * job.normal_step;
+  const float width = job.volume.coarser_levels > 0 ? pixelWidth(job.volume, all(job.z[plane]))[0] : 1.0F;
+  const float step = 0.6F * job.normal_step * (width > 1.0F ? width : 1.0F);
   const float step_x = step * (job.perspective ? job.pixel_x / job.z[plane] : job.pixel_x);
   const float step_y = step * (job.perspective ? job.pixel_y / job.z[plane] : job.pixel_y);
   const Floats step_z = step / (segment.back - segment.front);
@@ -686,7 +731,7 @@ SOFT_VOLUME_INLINE Gradient textureGradient(const CompositeJob& job, const Rays&
   }
   Floats s[4];
   for (int n = 0; n < 4; ++n)
-    s[n] = fetch(job.volume, corners[n], wanted);
+    s[n] = fetch(job.volume, corners[n], all(job.z[plane]), wanted);
   const float per_step = 0.25F / step;
   return inCameraFrame(rays, ((s[0] + s[1]) - (s[2] + s[3])) * per_step, ((s[0] + s[2]) - (s[1] + s[3])) * per_step,
                        ((s[0] + s[3]) - (s[1] + s[2])) * per_step);
@@ -740,8 +785,8 @@ SOFT_VOLUME_INLINE void clipSegment(const CompositeJob& job, const Rays& rays, S
   const Floats inverse = 1.0F / select(length > 0.0F, length, all(1.0F));
   Sample from;
   Sample to;
-  sampleBetween<kind>(job, segment.from, segment.to, (front - segment.front) * inverse, wanted, from);
-  sampleBetween<kind>(job, segment.from, segment.to, (back - segment.front) * inverse, wanted, to);
+  sampleBetween<kind>(job, segment.from, segment.to, (front - segment.front) * inverse, front, wanted, from);
+  sampleBetween<kind>(job, segment.from, segment.to, (back - segment.front) * inverse, back, wanted, to);
   selectSample<kind>(front > segment.front, from, segment.from, segment.from);
   selectSample<kind>(back < segment.back, to, segment.to, segment.to);
   segment.front = front;
@@ -859,25 +904,26 @@ SOFT_VOLUME_INLINE Sample readSample(const CompositeJob& job, int plane, int at)
   return sample;
 }
 
-/// Gets the values of a volume's samples that are wanted and pending.
-SOFT_VOLUME_INLINE void fetchPending(const CompositeJob& job, const Ints& wanted, Sample& sample) {
+/// Gets the values of a volume's samples at depth z that are wanted and pending.
+SOFT_VOLUME_INLINE void fetchPending(const CompositeJob& job, const Ints& wanted, const Floats& z, Sample& sample) {
   const Ints missing = wanted & (sample.value == pending());
   const int bits = bitsOf(missing);
   if (bits == 0)
     return;
-  sample.value = select(missing, fetch(job.volume, sample.more, bits), sample.value);
+  sample.value = select(missing, fetch(job.volume, sample.more, z, bits), sample.value);
   classify<SampleKind::kTexture>(job.table, sample);
 }
 
 /// Gets the values at both ends of the rays' way to a sample, where either end can be seen. False when none can be.
-SOFT_VOLUME_INLINE bool fetchEnds(const CompositeJob& job, Rays& rays, const Ints& inside, Sample& sample) {
+SOFT_VOLUME_INLINE bool fetchEnds(const CompositeJob& job, Rays& rays, const Ints& inside, float z, Sample& sample) {
   const Ints alive = isNumber(sample.value) & (rays.opacity < kOpaque);
   const int bits = bitsOf(alive);
-  const Ints visible = alive & (isVisible(job.volume, sample.more, bits) | (inside & (rays.sample.value != pending())));
+  const Ints visible =
+      alive & (isVisible(job.volume, sample.more, z, bits) | (inside & (rays.sample.value != pending())));
   if (!any(visible))
     return false;
-  fetchPending(job, visible, sample);
-  fetchPending(job, visible & inside, rays.sample);
+  fetchPending(job, visible, all(z), sample);
+  fetchPending(job, visible & inside, rays.z, rays.sample);
   return true;
 }
 
@@ -941,12 +987,12 @@ __attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const 
       }
     }
     if (kind == SampleKind::kTexture)
-      sample.value = fetch(job.volume, sample.more, bits);
+      sample.value = fetch(job.volume, sample.more, event_z, bits);
     classify<kind>(job.table, sample);
     Segment segment;
     segment.mask = reached & ~entering & isNumber(rays.sample.value);
     if (kind == SampleKind::kTexture)
-      fetchPending(job, segment.mask, rays.sample);
+      fetchPending(job, segment.mask, rays.z, rays.sample);
     copySample<kind>(segment.from, rays.sample);
     copySample<kind>(segment.to, sample);
     segment.front = rays.z;
@@ -981,7 +1027,7 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
   const bool extra = job.extra[plane] != 0;
   const Ints inside = isNumber(rays.sample.value);
   Sample sample = readSample<kind>(job, plane, at);
-  const bool seen = kind != SampleKind::kTexture || fetchEnds(job, rays, inside, sample);
+  const bool seen = kind != SampleKind::kTexture || fetchEnds(job, rays, inside, job.z[plane], sample);
   const Ints hit = isNumber(sample.value);
   const Ints leaving = inside & ~hit;
   if (!extra && any(leaving))
@@ -1009,10 +1055,11 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
     const Ints moves = segment.mask & inside;
     const Floats place = segment.back - (1.0F - jitter) * job.distance;
     const Floats t = clamp((place - segment.front) / (segment.back - segment.front), 0.0F, 1.0F);
+    const Floats z = between(segment.front, segment.back, t);
     Sample moved;
-    sampleBetween<kind>(job, segment.from, segment.to, t, bitsOf(moves), moved);
+    sampleBetween<kind>(job, segment.from, segment.to, t, z, bitsOf(moves), moved);
     selectSample<kind>(moves, moved, segment.to, segment.to);
-    segment.back = select(moves, between(segment.front, segment.back, t), segment.back);
+    segment.back = select(moves, z, segment.back);
   }
   selectSample<kind>(hit, segment.to, rays.sample, rays.sample);
   rays.z = select(hit, segment.back, rays.z);
@@ -1186,7 +1233,7 @@ SOFT_VOLUME_INLINE std::size_t showBlock(const CompositeJob& job, const PixelSta
       sample = job.kind == SampleKind::kScalar ? readSample<SampleKind::kScalar>(job, plane, at)
                                                : readSample<SampleKind::kTexture>(job, plane, at);
       if (job.kind == SampleKind::kTexture)
-        fetchPending(job, isNumber(sample.value), sample);
+        fetchPending(job, isNumber(sample.value), all(job.z[plane]), sample);
       entry = lookUp(job.table.entries, entryOf(job.table, sample.value));
     }
     const Ints hit = isNumber(sample.value);

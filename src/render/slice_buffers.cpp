@@ -28,10 +28,7 @@ void SliceBuffers::setGrid(const DrawnGrid& grid) {
 }
 
 Matrix3 SliceBuffers::meanTextureMap() const {
-  Matrix3 sum = Matrix3::Zero();
-  for (const Eigen::Matrix3f& map : gradients_.ofTexture(grid_->rest_positions, threadsFor(0)))
-    sum += map.cast<double>();
-  return sum / std::max(1.0, double(grid_->vertexCount()));
+  return gradients_.meanOfTexture(threadsFor(0));
 }
 
 void SliceBuffers::begin(const DrawJob& job, const GlVariant& variant, const TransferTable& table, int threads) {

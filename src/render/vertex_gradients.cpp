@@ -172,6 +172,13 @@ std::vector<Eigen::Matrix3f> VertexGradients::ofTexture(const std::vector<Vector
   return average<Eigen::Matrix3f>(positions, texture, true, threads);
 }
 
+Matrix3 VertexGradients::meanOfTexture(int threads) const {
+  Matrix3 sum = Matrix3::Zero();
+  for (const Eigen::Matrix3f& map : ofTexture(grid_->rest_positions, threads))
+    sum += map.cast<double>();
+  return sum / std::max(1.0, double(grid_->vertexCount()));
+}
+
 std::vector<Vector3f> VertexGradients::ofScalar(const std::vector<Vector3f>& positions, int threads) const {
   using Row = Eigen::Matrix<float, 1, 3>;
   const auto scalar = [&](std::uint32_t vertex) { return Row::Scalar(grid_->point_scalars[vertex]); };

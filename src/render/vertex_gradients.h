@@ -20,6 +20,8 @@ class VertexGradients {
 
   /// Per vertex, how the texture coordinates change along x, y and z (columns) of the positions' frame.
   std::vector<Eigen::Matrix3f> ofTexture(const std::vector<Vector3f>& positions, int threads) const;
+  /// Mean over the vertices of the grid at rest.
+  Matrix3 meanOfTexture(int threads) const;
   /// Per vertex, the gradient of the grid's scalar at points.
   std::vector<Vector3f> ofScalar(const std::vector<Vector3f>& positions, int threads) const;
 

@@ -323,6 +323,22 @@ std::vector<NamedOptions> optionsFor(Kind kind) {
   return all;
 }
 
+/// Voxels of a tenth of the grid's metre.
+std::shared_ptr<const Volume> makeFineVolume() {
+  return makeVolume(Vector3i(41, 33, 27), Vector3::Constant(4.0), [](const Vector3& t) {
+    return 0.5 + 0.3 * std::sin(9.0 * t.x()) * std::cos(27.0 * t.y()) + 0.2 * std::sin(31.0 * t.z() + 4.0 * t.x());
+  });
+}
+
+/// Pixels are wider than voxels in all of the grid under parallel projection, else in its rear part.
+Camera cameraFromAfar(Projection projection) {
+  Camera camera = obliqueCamera(projection, 150, 70);
+  const double zoom = projection == Projection::kParallel ? 0.5 : 0.65;
+  camera.fx *= zoom;
+  camera.fy *= zoom;
+  return camera;
+}
+
 struct NativeScene : CanvasScene {
   NativeScene(const NativeKernel& kernel, Kind kind)
       : CanvasScene(std::make_unique<NativeCanvas>(kernel), gridOf(kind), makePeaks()) {
@@ -330,7 +346,7 @@ struct NativeScene : CanvasScene {
     positions = jittered(rest(), kind == Kind::kTexture ? 0.2F : 0.0F, random);
     if (kind != Kind::kTexture)
       return;
-    setVolume(makeWavyVolume());
+    setVolume(makeFineVolume());
     setLabels(makeManyLabels());
   }
   static DrawnGrid gridOf(Kind kind) {
@@ -343,13 +359,17 @@ struct NativeScene : CanvasScene {
 
 class NativeKinds : public testing::TestWithParam<Kind> {
  protected:
-  /// Calls visit(camera, options) for both projections and all options.
+  /// Calls visit(camera, options) for both projections and all options, for volumes from afar too.
   template <typename Visit>
   void forEachView(const Visit& visit) {
     for (const Projection projection : {Projection::kPerspective, Projection::kParallel}) {
       for (const NamedOptions& named : optionsFor(GetParam())) {
         SCOPED_TRACE(std::string(named.name) + (projection == Projection::kParallel ? ", parallel" : ", perspective"));
         visit(obliqueCamera(projection, 150, 70), named.options);
+        if (GetParam() != Kind::kTexture)
+          continue;
+        SCOPED_TRACE("from afar");
+        visit(cameraFromAfar(projection), named.options);
       }
     }
   }
@@ -439,6 +459,134 @@ TEST_P(NativeKinds, EveryPixelIsFinite) {
 INSTANTIATE_TEST_SUITE_P(AllKinds, NativeKinds,
                          testing::Values(Kind::kScalar, Kind::kColour, Kind::kCells, Kind::kTexture),
                          [](const auto& info) { return nameOf(info.param); });
+
+// --- Minification
+
+/// Voxels are 1 and 0 in turn along every axis.
+std::shared_ptr<const Volume> makeCheckers(const Vector3i& dims, const Vector3& size_m) {
+  return makeVolume(dims, size_m, [&](const Vector3& t) {
+    const Vector3i voxel = t.cwiseProduct(dims.cast<double>()).cast<int>();
+    return double(voxel.sum() % 2);
+  });
+}
+
+template <typename Scalar>
+std::vector<std::uint8_t> wavesAs(const Vector3i& dims) {
+  std::vector<Scalar> scalars;
+  for (int i = 0; i < dims.prod(); ++i)
+    scalars.push_back(Scalar(std::round(50.0 + 45.0 * std::sin(0.37 * i) * std::cos(0.011 * i))));
+  std::vector<std::uint8_t> data(scalars.size() * sizeof(Scalar));
+  std::memcpy(data.data(), scalars.data(), data.size());
+  return data;
+}
+
+/// Whole numbers from 5 to 95.
+std::shared_ptr<const Volume> makeWaves(const Vector3i& dims, ScalarType type) {
+  VolumeGeometry geometry;
+  geometry.dims = dims;
+  geometry.spacing_m = Vector3::Constant(1.0 / 64.0);
+  std::vector<std::uint8_t> data = type == ScalarType::kFloat32  ? wavesAs<float>(dims)
+                                   : type == ScalarType::kInt16  ? wavesAs<std::int16_t>(dims)
+                                   : type == ScalarType::kUInt16 ? wavesAs<std::uint16_t>(dims)
+                                                                 : wavesAs<std::uint8_t>(dims);
+  return std::make_shared<const Volume>(geometry, type, std::move(data));
+}
+
+/// Opaque, grey from black at 0 to white at `white`.
+TransferFunction makeGreys(double white) {
+  TransferFunction function;
+  function.points = {{0.0, Vector3f::Zero(), 1.0F}, {white, Vector3f::Ones(), 1.0F}};
+  function.unit_distance_m = 1e-4;
+  return function;
+}
+
+/// A sheet of 256 x 256 x 16 voxels, 1 m wide, opaque in the grey of its scalar.
+struct Checkers : CanvasScene {
+  Checkers()
+      : CanvasScene(std::make_unique<NativeCanvas>(), makeBlock(kBox, Vector3i(8, 8, 1)),
+                    makeCheckers(Vector3i(256, 256, 16), kBox.sizes()), makeGreys(1.0)) {}
+  Frame draw(const Camera& camera) {
+    RenderOptions options;
+    options.slices = 20;
+    options.shading = 0.0;
+    return render(camera, options);
+  }
+
+  inline static const Box3 kBox{Vector3(-0.5, -0.5, 0.9), Vector3(0.5, 0.5, 1.1)};
+};
+
+/// Of `pixels_per_m` at 1 m, the middle of the image moved by a part of a pixel.
+Camera cameraOverCheckers(Projection projection, double pixels_per_m, double shift) {
+  Camera camera = straightCamera(Vector3::Zero(), 64, 48, pixels_per_m);
+  camera.projection = projection;
+  camera.cx += shift;
+  return camera;
+}
+
+TEST(NativeMipmap, VolumesSeenFromAfarAreAveraged) {
+  Checkers scene;
+  for (const Projection projection : {Projection::kPerspective, Projection::kParallel}) {
+    for (const double pixels_per_m : {32.0, 50.0}) {  // 8 and 5.1 voxels a pixel
+      for (const double shift : {0.0, 0.3, 0.7}) {
+        const Frame frame = scene.draw(cameraOverCheckers(projection, pixels_per_m, shift));
+        for (int v = 10; v < 38; ++v) {
+          for (int u = 19; u < 45; ++u)
+            ASSERT_NEAR(pixelOf(frame, u, v)[0] / pixelOf(frame, u, v)[3], 0.5, 0.01) << u << ' ' << v;
+        }
+      }
+    }
+  }
+}
+
+/// Darkest and lightest pixel of the image's middle.
+std::array<float, 2> contrastOf(const Frame& frame) {
+  std::array<float, 2> range = {1.0F, 0.0F};
+  for (int v = 12; v < 36; ++v) {
+    for (int u = 12; u < 52; ++u) {
+      range[0] = std::min(range[0], pixelOf(frame, u, v)[0]);
+      range[1] = std::max(range[1], pixelOf(frame, u, v)[0]);
+    }
+  }
+  return range;
+}
+
+TEST(NativeMipmap, NearViewsStaySharpAlsoAfterOnesFromAfar) {
+  Checkers scene;
+  const Camera near = cameraOverCheckers(Projection::kParallel, 1024.0, 0.0);  // four pixels a voxel
+  const Frame before = scene.draw(near);
+  EXPECT_LT(contrastOf(before)[0], 0.3F);
+  EXPECT_GT(contrastOf(before)[1], 0.7F);
+  scene.draw(cameraOverCheckers(Projection::kParallel, 32.0, 0.0));
+  EXPECT_TRUE(sameFrames(scene.draw(near), before));
+}
+
+TEST(NativeMipmap, ANewVolumeHasItsOwnMipmap) {
+  Checkers scene;
+  const Camera camera = cameraOverCheckers(Projection::kParallel, 32.0, 0.0);
+  scene.draw(camera);
+  scene.setVolume(makeVolume(Vector3i(256, 256, 1), Checkers::kBox.sizes(),
+                             [](const Vector3& t) { return t.x() > 0.5 ? 0.8 : 0.2; }));
+  const Frame frame = scene.draw(camera);
+  EXPECT_NEAR(pixelOf(frame, 22, 24)[0], 0.2, 0.01);
+  EXPECT_NEAR(pixelOf(frame, 42, 24)[0], 0.8, 0.01);
+}
+
+TEST(NativeMipmap, IntegersAreAveragedAsFloatsAre) {
+  const Vector3i dims(64, 48, 32);
+  const Camera camera = cameraOverCheckers(Projection::kPerspective, 20.0, 0.3);
+  std::vector<Frame> frames;
+  for (const ScalarType type : {ScalarType::kFloat32, ScalarType::kInt16, ScalarType::kUInt16, ScalarType::kUInt8}) {
+    CanvasScene scene(std::make_unique<NativeCanvas>(), makeBlock(Checkers::kBox, Vector3i(4, 4, 1)),
+                      makeWaves(dims, type), makeGreys(100.0));
+    RenderOptions options;
+    options.slices = 20;
+    options.shading = 0.0;
+    frames.push_back(scene.render(camera, options));
+    ASSERT_TRUE(showsSomething(frames.back()));
+    for (std::size_t i = 0; i < frames[0].rgba.size(); ++i)
+      ASSERT_NEAR(frames.back().rgba[i], frames[0].rgba[i], 0.01F) << "each level rounds by half of a hundredth";
+  }
+}
 
 }  // namespace
 }  // namespace soft_volume::core
