@@ -18,6 +18,7 @@ typedef float Floats __attribute__((vector_size(32)));
 typedef std::int32_t Ints __attribute__((vector_size(32)));
 typedef float Floats4 __attribute__((vector_size(16)));
 
+constexpr int kAllLanes = (1 << kPixelLanes) - 1;
 constexpr float kOpaque = 0.999F;  ///< behind this a pixel takes nothing more: less than a quarter of an 8-bit level
 constexpr float kHuge = 3.402823466e38F;
 
@@ -795,11 +796,11 @@ SOFT_VOLUME_INLINE void clipSegment(const CompositeJob& job, const Rays& rays, S
 
 /// Where the integral has to be made in parts.
 template <SampleKind kind>
-SOFT_VOLUME_INLINE Ints needsParts(const CompositeJob& job, const Segment& segment, const Mean& mean,
-                                   const Floats& halvings) {
+SOFT_VOLUME_INLINE Ints needsParts(const CompositeJob& job, const Ints& from_entry, const Ints& to_entry,
+                                   const Mean& mean, const Floats& halvings) {
   if (kind == SampleKind::kColour)
     return Ints{};
-  const Ints difference = segment.to.entry - segment.from.entry;
+  const Ints difference = to_entry - from_entry;
   const Ints crossed = difference < 0 ? -difference : difference;
   if (kind == SampleKind::kScalar)
     return (crossed > kHidingEntries) & (halvings > kHidingHalvings);
@@ -818,7 +819,7 @@ SOFT_VOLUME_INLINE void addSegmentUnlit(const CompositeJob& job, const PixelStat
   const Mean mean = meanOf<kind>(job, segment, rays.cache);
   const Floats halvings = halvingsOf(rays, segment, mean.absorption);
   const Ints mask = segment.mask;
-  const Ints in_parts = needsParts<kind>(job, segment, mean, halvings) & mask;
+  const Ints in_parts = needsParts<kind>(job, segment.from.entry, segment.to.entry, mean, halvings) & mask;
   segment.mask = mask & ~in_parts & (mean.absorption > 0.0F);
   if (any(segment.mask))
     addMean(job, state, rays, segment, mean, halvings);
@@ -915,11 +916,11 @@ SOFT_VOLUME_INLINE void fetchPending(const CompositeJob& job, const Ints& wanted
 }
 
 /// Gets the values at both ends of the rays' way to a sample, where either end can be seen. False when none can be.
-SOFT_VOLUME_INLINE bool fetchEnds(const CompositeJob& job, Rays& rays, const Ints& inside, float z, Sample& sample) {
+SOFT_VOLUME_INLINE bool fetchEnds(const CompositeJob& job, Rays& rays, const Ints& inside, float z, Sample& sample,
+                                  Ints& in_sight) {
   const Ints alive = isNumber(sample.value) & (rays.opacity < kOpaque);
-  const int bits = bitsOf(alive);
-  const Ints visible =
-      alive & (isVisible(job.volume, sample.more, z, bits) | (inside & (rays.sample.value != pending())));
+  in_sight = isVisible(job.volume, sample.more, z, bitsOf(alive));
+  const Ints visible = alive & (in_sight | (inside & (rays.sample.value != pending())));
   if (!any(visible))
     return false;
   fetchPending(job, visible, all(z), sample);
@@ -1027,7 +1028,8 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
   const bool extra = job.extra[plane] != 0;
   const Ints inside = isNumber(rays.sample.value);
   Sample sample = readSample<kind>(job, plane, at);
-  const bool seen = kind != SampleKind::kTexture || fetchEnds(job, rays, inside, job.z[plane], sample);
+  Ints in_sight;
+  const bool seen = kind != SampleKind::kTexture || fetchEnds(job, rays, inside, job.z[plane], sample, in_sight);
   const Ints hit = isNumber(sample.value);
   const Ints leaving = inside & ~hit;
   if (!extra && any(leaving))
@@ -1065,6 +1067,8 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
   rays.z = select(hit, segment.back, rays.z);
   rays.back = select(hit, all(job.back[plane]), rays.back);
   addSegment<kind, shaded>(job, state, rays, segment, plane, at);
+  if (kind == SampleKind::kTexture)  // the way on from here may not need it again
+    rays.sample.value = select(hit & ~in_sight, pending(), rays.sample.value);
   return std::size_t(__builtin_popcount(unsigned(hits)));
 }
 
@@ -1111,6 +1115,112 @@ SOFT_VOLUME_INLINE bool passPlainPlanes(const CompositeJob& job, Rays& rays, int
     }
   }
   copySample<SampleKind::kScalar>(rays.sample, samples[count - 1]);
+  rays.z = all(job.z[plane + count - 1]);
+  rays.back = all(job.back[plane + count - 1]);
+  return true;
+}
+
+__attribute__((noinline)) void addPlainSegment(const CompositeJob& job, const PixelState& state, Rays& rays,
+                                               const Sample& from, const Sample& to, int plane, bool first) {
+  Segment segment;
+  segment.mask = rays.opacity < kOpaque;
+  copySample<SampleKind::kTexture>(segment.from, from);
+  copySample<SampleKind::kTexture>(segment.to, to);
+  segment.front = first ? rays.z : all(job.z[plane - 1]);
+  segment.back = all(job.z[plane]);
+  rays.moment = all(0.0F);
+  addSegmentUnlit<SampleKind::kTexture>(job, state, rays, segment);
+}
+
+/// The ways from where the rays are to samples of the next planes.
+template <int count>
+SOFT_VOLUME_INLINE void addPlainSegments(const CompositeJob& job, const PixelState& state, Rays& rays,
+                                         const Sample* samples, int plane) {
+  const Ints alive = rays.opacity < kOpaque;
+  Mean means[count];
+  Floats halvings[count];
+  Ints in_parts{};
+  Ints absorbing{};
+  for (int n = 0; n < count; ++n) {
+    const Sample& before = n == 0 ? rays.sample : samples[n - 1];
+    const Floats front = n == 0 ? rays.z : all(job.z[plane + n - 1]);
+    means[n] = meanBetween(job.table, before, samples[n], alive, rays.cache);
+    halvings[n] = means[n].absorption * (job.z[plane + n] - front) * rays.way_per_z;
+    in_parts |= needsParts<SampleKind::kTexture>(job, before.entry, samples[n].entry, means[n], halvings[n]);
+    absorbing |= means[n].absorption > 0.0F;
+  }
+  if (any(in_parts & alive)) {
+    for (int n = 0; n < count; ++n)
+      addPlainSegment(job, state, rays, n == 0 ? rays.sample : samples[n - 1], samples[n], plane + n, n == 0);
+    return;
+  }
+  if (!any(absorbing & alive))
+    return;
+  Floats opacities[count];
+  opacitiesOf<count>(halvings, opacities);
+  for (int n = 0; n < count; ++n) {
+    const Floats opacity = select(rays.opacity < kOpaque, opacities[n], all(0.0F));
+    const Floats share = (1.0F - rays.opacity) * opacity;
+    for (int c = 0; c < 3; ++c)
+      rays.colour[c] += share * means[n].colour_scale * means[n].sum[c];
+    rays.opacity += share;
+  }
+}
+
+/// Whether one of eight places is in or next to a brick that shows something; see isVisible().
+SOFT_VOLUME_INLINE bool isAnyVisible(const TexelView& volume, const Floats* voxel, float z) {
+  if (volume.visible == nullptr || (volume.coarser_levels > 0 && pixelWidth(volume, all(z))[0] > 1.0F))
+    return true;
+  const Place place = placeOf(volume, voxel);
+  const Ints brick = (place.x >> kBrickShift) + (place.y >> kBrickShift) * volume.brick_row +
+                     (place.z >> kBrickShift) * volume.brick_slice;
+  std::int32_t bricks[kPixelLanes];
+  __builtin_memcpy(bricks, &brick, sizeof(bricks));
+  unsigned visible = 0;
+  for (int n = 0; n < kPixelLanes; ++n)
+    visible |= volume.visible[bricks[n]];
+  return visible != 0;
+}
+
+/// passPlane() for `count` planes of a volume where nothing special happens: all eight rays are inside before and
+/// behind each, and nothing but the colours is asked for. Whether a way is looked at is decided for all eight rays
+/// together. False, with nothing done, for other planes, and for two of which one alone is seen.
+template <int count>
+SOFT_VOLUME_INLINE bool passPlainTextures(const CompositeJob& job, const PixelState& state, Rays& rays, int plane,
+                                          int at, std::size_t& segments) {
+  Sample samples[count];
+  Ints everywhere = isNumber(rays.sample.value);
+  for (int n = 0; n < count; ++n) {
+    for (int axis = 0; axis < 3; ++axis)
+      samples[n].more[axis] = load(job.sample[axis] + std::size_t(plane + n) * kPlaneSamples + std::size_t(at));
+    everywhere &= isNumber(samples[n].more[0]);
+  }
+  if (bitsOf(everywhere) != kAllLanes)
+    return false;
+  bool in_sight[count];
+  int seen = 0;
+  for (int n = 0; n < count; ++n) {
+    in_sight[n] = isAnyVisible(job.volume, samples[n].more, job.z[plane + n]);
+    seen += in_sight[n] || (n == 0 ? any(rays.sample.value != pending()) : in_sight[n - 1]);
+  }
+  if (seen != 0 && seen != count)
+    return false;
+  if (seen != 0) {
+    fetchPending(job, everywhere, rays.z, rays.sample);
+    for (int n = 0; n < count; ++n) {
+      samples[n].value = fetch(job.volume, samples[n].more, all(job.z[plane + n]), kAllLanes);
+      everywhere &= isNumber(samples[n].value);
+    }
+    if (bitsOf(everywhere) != kAllLanes)
+      return false;
+    for (int n = 0; n < count; ++n)
+      classify<SampleKind::kTexture>(job.table, samples[n]);
+    addPlainSegments<count>(job, state, rays, samples, plane);
+    segments += count * kPixelLanes;
+  }
+  copySample<SampleKind::kTexture>(rays.sample, samples[count - 1]);
+  if (!in_sight[count - 1])
+    rays.sample.value = pending();
   rays.z = all(job.z[plane + count - 1]);
   rays.back = all(job.back[plane + count - 1]);
   return true;
@@ -1170,7 +1280,8 @@ SOFT_VOLUME_INLINE std::size_t compositeBlock(const CompositeJob& job, const Pix
   const int at = (y - job.tile_y + kApron) * kSampleStride + (x - job.tile_x + kPixelLanes);
   const Floats jitter = job.jitter ? jitterOf(x, y) : Floats{};
   std::size_t segments = 0;
-  const bool plain = kind == SampleKind::kScalar && !shaded && state.depth == nullptr && job.clips == 0 && !job.jitter;
+  const bool plain = kind != SampleKind::kColour && !shaded && state.depth == nullptr && state.label == nullptr &&
+                     job.clips == 0 && !job.jitter;
   float next_event_z = nextEvent(job, rays);
   bool is_inside = state.block[block] != kBlockOutside;
   for (int plane = 0; plane < job.planes; ++plane) {
@@ -1187,7 +1298,18 @@ SOFT_VOLUME_INLINE std::size_t compositeBlock(const CompositeJob& job, const Pix
       continue;
     }
     is_inside = true;
-    if (plain) {
+    if (plain && kind == SampleKind::kTexture) {
+      const bool two = (hits >> plane & 3) == 3 && next_event_z > job.z[plane + 1];
+      if (two && passPlainTextures<2>(job, state, rays, plane, at, segments)) {
+        ++plane;
+        if (!any(rays.opacity < kOpaque))
+          break;
+        continue;
+      }
+      if (passPlainTextures<1>(job, state, rays, plane, at, segments))
+        continue;
+    }
+    if (plain && kind == SampleKind::kScalar) {
       const bool two = (hits >> plane & 3) == 3 && next_event_z > job.z[plane + 1];
       if (two && passPlainPlanes<2>(job, rays, plane, at)) {
         segments += 2 * kPixelLanes;

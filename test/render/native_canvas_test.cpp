@@ -448,6 +448,20 @@ TEST_P(NativeKinds, FramesDoNotDependOnEarlierOnes) {
   });
 }
 
+/// With depth every plane goes the long way; without, those where nothing special happens go a short one.
+TEST_P(NativeKinds, DepthChangesNoColour) {
+  NativeScene scene(bestNativeKernel(), GetParam());
+  forEachView([&](const Camera& camera, RenderOptions options) {
+    for (const int slices : {options.slices, 3 * options.slices}) {
+      options.slices = slices;
+      options.depth = options.labels = false;
+      const Frame plain = scene.draw(camera, options);
+      options.depth = true;
+      EXPECT_TRUE(sameBits(scene.draw(camera, options).rgba, plain.rgba)) << slices << " slices";
+    }
+  });
+}
+
 TEST_P(NativeKinds, EveryPixelIsFinite) {
   NativeScene scene(bestNativeKernel(), GetParam());
   forEachView([&](const Camera& camera, const RenderOptions& options) {
