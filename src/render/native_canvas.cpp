@@ -77,7 +77,7 @@ bool isCube(CellType type) {
   return type == CellType::kHexahedron || type == CellType::kVoxel;
 }
 
-/// What red, green, blue and absorption become so that they can be interpolated.
+/// Red, green, blue and absorption, to be interpolated.
 void toColour(const TransferTable& table, double scalar, float* colour) {
   if (std::isnan(scalar)) {
     std::fill_n(colour, 4, kNaN);
@@ -86,9 +86,7 @@ void toColour(const TransferTable& table, double scalar, float* colour) {
   const double place = (scalar - table.firstValue()) * table.entriesPerValue();
   const auto entry = std::size_t(std::clamp(place, 0.0, double(TransferTable::kSize - 1)) + 0.5);
   const TransferTable::Entry& e = table.entries()[entry];
-  for (std::size_t n = 0; n < 3; ++n)
-    colour[n] = e[n] * e[3];
-  colour[3] = e[3];
+  std::copy_n(e.begin(), 4, colour);
 }
 
 /// Repeats the voxels of an axis that has but one: the kernel interpolates between two along each.

@@ -29,7 +29,7 @@ constexpr int kTileBlocks = kTilePixels / kPixelLanes;
 enum class SampleKind : std::uint8_t {
   kScalar,   ///< the scalar
   kTexture,  ///< place in the volume: voxel index along each axis
-  kColour,   ///< red, green, blue times absorption, and absorption
+  kColour,   ///< red, green, blue and absorption
 };
 
 /// One corner of a polygon: pixels, and what is interpolated between the corners.

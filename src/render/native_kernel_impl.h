@@ -586,12 +586,15 @@ SOFT_VOLUME_INLINE Mean meanBetween(const TableView& table, const Sample& from, 
   return mean;
 }
 
+/// Colour and absorption are linear: the mean of their product over the mean absorption.
 SOFT_VOLUME_INLINE Mean meanOfColours(const Sample& from, const Sample& to) {
   Mean mean;
   mean.absorption = 0.5F * (from.value + to.value);
-  mean.colour_scale = 0.5F / larger(mean.absorption, all(1e-30F));
+  mean.colour_scale = 1.0F / (6.0F * larger(mean.absorption, all(1e-30F)));
+  const Floats of_from = 2.0F * from.value + to.value;
+  const Floats of_to = from.value + 2.0F * to.value;
   for (int n = 0; n < 3; ++n)
-    mean.sum[n] = from.more[n] + to.more[n];
+    mean.sum[n] = of_from * from.more[n] + of_to * to.more[n];
   return mean;
 }
 
@@ -1348,9 +1351,8 @@ SOFT_VOLUME_INLINE std::size_t showBlock(const CompositeJob& job, const PixelSta
     Entry entry{};
     if (job.kind == SampleKind::kColour) {
       sample = readSample<SampleKind::kColour>(job, plane, at);
-      const Floats inverse = 1.0F / select(sample.value > 0.0F, sample.value, all(1.0F));
       for (int n = 0; n < 3; ++n)
-        entry.c[n] = sample.more[n] * inverse;
+        entry.c[n] = sample.more[n];
     } else {
       sample = job.kind == SampleKind::kScalar ? readSample<SampleKind::kScalar>(job, plane, at)
                                                : readSample<SampleKind::kTexture>(job, plane, at);

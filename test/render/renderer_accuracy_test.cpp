@@ -57,9 +57,8 @@ std::vector<Subject> allSubjects() {
           {"polyhedra", Kind::kScalar, CubeParts::kPolyhedra, 5.2, 5.2},
           {"pentagons", Kind::kScalar, CubeParts::kPentagons, 7.6, 7.6},
           {"mixed", Kind::kScalar, CubeParts::kMixed, 4.2, 4.2},
-          // native interpolates colours times absorption, exact the colours themselves.
-          {"colours_of_tetrahedra", Kind::kColour, CubeParts::kTetrahedra, 16.0, 16.0},
-          {"colours_of_mixed", Kind::kColour, CubeParts::kMixed, 17.5, 17.5},
+          {"colours_of_tetrahedra", Kind::kColour, CubeParts::kTetrahedra, 0.5, 0.03},
+          {"colours_of_mixed", Kind::kColour, CubeParts::kMixed, 4.4, 4.4},
           {"scalars_of_cells", Kind::kCells, CubeParts::kMixed, 3.9, 3.9},
           {"texture", Kind::kTexture, CubeParts::kHexahedra, 2.8, 2.8}};
 }
