@@ -131,28 +131,40 @@ TexelView texelView(const VolumeTexels& texels, const Vector3i& dims, std::vecto
   return view;
 }
 
-/// Smallest and largest texel that interpolation can meet in each brick.
+/// The texels of an axis that interpolation can meet in a brick and its margin.
+std::array<int, 2> brickTexels(int brick, int dim) {
+  return {std::max(0, brick * kBrickTexels - kBrickMargin),
+          std::min(dim, (brick + 1) * kBrickTexels + 1 + kBrickMargin)};
+}
+
+/// Smallest and largest texel that interpolation can meet in each brick and its margin: first of every column of a row
+/// of bricks, then of the columns.
 template <typename Texel>
 std::vector<std::array<float, 2>> rangesOf(const TexelView& view, const std::array<int, 3>& bricks, int threads) {
-  std::vector<std::array<float, 2>> ranges(std::size_t(bricks[0]) * std::size_t(bricks[1]) * std::size_t(bricks[2]));
+  constexpr std::array<float, 2> kNone = {std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()};
+  const std::size_t rows = std::size_t(bricks[1]) * std::size_t(bricks[2]);
+  std::vector<std::array<float, 2>> ranges(std::size_t(bricks[0]) * rows, kNone);
   const auto* texels = static_cast<const Texel*>(view.texels);
-  parallelFor(std::ptrdiff_t(ranges.size()), threads, [&](std::ptrdiff_t brick) {
-    const std::array<int, 3> at = {int(brick) % bricks[0], int(brick) / bricks[0] % bricks[1],
-                                   int(brick) / (bricks[0] * bricks[1])};
-    std::array<int, 3> end{};
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      end[axis] = std::min(view.dims[axis], (at[axis] + 1) * kBrickTexels + 1);
-    std::array<float, 2> range = {std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()};
-    for (int k = at[2] * kBrickTexels; k < end[2]; ++k) {
-      for (int j = at[1] * kBrickTexels; j < end[1]; ++j) {
+  parallelFor(std::ptrdiff_t(rows), threads, [&](std::ptrdiff_t brick_row) {
+    const std::array<int, 2> ys = brickTexels(int(brick_row) % bricks[1], view.dims[1]);
+    const std::array<int, 2> zs = brickTexels(int(brick_row) / bricks[1], view.dims[2]);
+    std::vector<float> low(view.row, kNone[0]);
+    std::vector<float> high(view.row, kNone[1]);
+    for (int k = zs[0]; k < zs[1]; ++k) {
+      for (int j = ys[0]; j < ys[1]; ++j) {
         const Texel* row = texels + std::size_t(j) * view.row + std::size_t(k) * view.slice;
-        for (int i = at[0] * kBrickTexels; i < end[0]; ++i) {
-          range[0] = std::min(range[0], float(row[i]));  // NaN changes neither
-          range[1] = std::max(range[1], float(row[i]));
+        for (std::size_t i = 0; i < view.row; ++i) {
+          low[i] = std::min(low[i], float(row[i]));  // NaN changes neither
+          high[i] = std::max(high[i], float(row[i]));
         }
       }
     }
-    ranges[std::size_t(brick)] = range;
+    for (int brick = 0; brick < bricks[0]; ++brick) {
+      const std::array<int, 2> xs = brickTexels(brick, view.dims[0]);
+      ranges[std::size_t(brick_row) * std::size_t(bricks[0]) + std::size_t(brick)] = {
+          *std::min_element(low.begin() + xs[0], low.begin() + xs[1]),
+          *std::max_element(high.begin() + xs[0], high.begin() + xs[1])};
+    }
   });
   return ranges;
 }
@@ -264,7 +276,8 @@ void NativeCanvas::prepareMipmap() {
   volume_view_.pixel_width_per_depth = perspective ? float(width) : 0.0F;
 }
 
-/// Bricks that show something, and those around them.
+/// Bricks that show something, for the distance of the planes. A deformation may press more voxels between two planes:
+/// up to twice as many are provided for.
 void NativeCanvas::findVisibleBricks() {
   volume_view_.visible = nullptr;
   if (kind_ != SampleKind::kTexture)
@@ -272,12 +285,15 @@ void NativeCanvas::findVisibleBricks() {
   if (brick_visible_.empty()) {
     for (const auto& range : brick_ranges_)
       brick_visible_.push_back(range[0] <= range[1] && !table_->isTransparent(range[0], range[1]));
+    around_visible_ = brick_visible_;
     for (std::size_t axis = 0; axis < 3; ++axis)
-      spread(bricks_, axis, brick_visible_);
+      spread(bricks_, axis, around_visible_);
   }
-  // A deformation may press more voxels between two planes: up to twice as many are provided for.
-  if (job_->planes.distance_m <= kBrickTexels * volume_geometry_.spacing_m.minCoeff())
+  const double way = job_->planes.distance_m / volume_geometry_.spacing_m.minCoeff();
+  if (way <= kBrickMargin)
     volume_view_.visible = brick_visible_.data();
+  else if (way <= kBrickMargin + kBrickTexels)
+    volume_view_.visible = around_visible_.data();
   volume_view_.brick_row = bricks_[0];
   volume_view_.brick_slice = bricks_[0] * bricks_[1];
 }
@@ -570,6 +586,8 @@ void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32
   scratch.hits.fill(0);
   std::size_t slice = first_slice;
   const std::size_t attributes = samplePartsOf(kind_);
+  // The first part of a volume's sample tells whether there is one; only its gradient asks the others as well.
+  const std::size_t blank = kind_ == SampleKind::kTexture && base_.shading <= 0.0F ? 1 : attributes;
   FillTarget target{};
   target.first_x = tile.x - kPixelLanes;
   target.first_y = tile.y - kApron;
@@ -584,8 +602,7 @@ void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32
     const std::size_t plane = slice - first_slice;
     if (scratch.occupied[plane] == 0) {
       scratch.occupied[plane] = 1;
-      std::fill_n(scratch.sampleAt(0, plane), kPlaneSamples, kNaN);
-      for (std::size_t a = 1; a < attributes; ++a)
+      for (std::size_t a = 0; a < blank; ++a)
         std::fill_n(scratch.sampleAt(a, plane), kPlaneSamples, kNaN);
     }
     for (std::size_t a = 0; a < attributes; ++a)
@@ -631,8 +648,9 @@ void NativeCanvas::draw(const SliceMesh& mesh) {
   if (tileCount() == 0)
     return;
   prepareValues(mesh);
-  for (std::size_t first = 0; first < mesh.slices.size(); first += kRunPlanes)
-    drawRun(mesh, first, std::min(first + kRunPlanes, mesh.slices.size()), false);
+  const std::size_t run = samplePartsOf(kind_) > 1 ? kRunPlanesOfParts : kRunPlanes;
+  for (std::size_t first = 0; first < mesh.slices.size(); first += run)
+    drawRun(mesh, first, std::min(first + run, mesh.slices.size()), false);
   polygons_ += mesh.polygons.size();
   slices_ += int(mesh.slices.size());
 }

@@ -80,10 +80,11 @@ class NativeCanvas : public Canvas {
   LabelView label_view_{};
   std::vector<std::array<float, 2>> brick_ranges_;  ///< smallest and largest scalar of every brick
   std::array<int, 3> bricks_{};
-  std::vector<std::uint8_t> brick_visible_;  ///< as TexelView::visible; empty when the table has changed since
-  std::vector<float> colours_;               ///< per vertex or cell of the grid, four each: kColour
-  std::vector<GridFace> boundary_;           ///< of the cells that are drawn
-  std::vector<std::uint8_t> boundary_skip_;  ///< what boundary_ was made for
+  std::vector<std::uint8_t> brick_visible_;   ///< as TexelView::visible; empty when the table has changed since
+  std::vector<std::uint8_t> around_visible_;  ///< the same, and the bricks around them
+  std::vector<float> colours_;                ///< per vertex or cell of the grid, four each: kColour
+  std::vector<GridFace> boundary_;            ///< of the cells that are drawn
+  std::vector<std::uint8_t> boundary_skip_;   ///< what boundary_ was made for
   bool boundary_known_ = false;
 
   // Of the image that is drawn.

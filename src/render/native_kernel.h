@@ -19,6 +19,8 @@ constexpr int kSampleRows = kTileHeight + 2 * kApron;
 constexpr int kPlaneSamples = kSampleStride * kSampleRows;
 /// Planes that are sampled before they are composited.
 constexpr int kRunPlanes = 16;
+/// The same where a sample has several parts: what a tile has of them stays in a cache of 1 MiB.
+constexpr int kRunPlanesOfParts = 10;
 /// Of a sample, and of what is interpolated across a polygon: a boundary face has its depth as well.
 constexpr int kMaxSampleParts = 4;
 constexpr int kMaxAttributes = kMaxSampleParts + 1;
@@ -69,18 +71,20 @@ struct TableView {
   int size;
 };
 
-/// Side of a brick, as a power of two. The way between two samples in invisible bricks shows nothing as long as it is
-/// no longer than two bricks: a visible one is at least a brick away from both.
+/// Side of a brick, as a power of two. A brick is visible where something shows in it or in a margin around it, so the
+/// way between two samples in invisible bricks shows nothing as long as it is no longer than two margins.
 constexpr int kBrickShift = 2;
 constexpr int kBrickTexels = 1 << kBrickShift;
+constexpr int kBrickMargin = 3;  ///< texels; in what spreads from brick to brick it is a brick more
 
-/// The volume's texels, or those of a coarser level of its mipmap; at least two along each axis.
+/// The volume's texels, or those of a coarser level of its mipmap; at least two along each axis and less than 2^31 in a
+/// slice.
 struct TexelView {
   const void* texels;
   int type;  ///< 0: int16, 1: uint16, 2: float32
   int dims[3];
   std::size_t row, slice;  ///< texels from one row to the next, from one slice to the next
-  /// Per brick of kBrickTexels^3, x fastest: 0 where neither it nor a brick around it shows anything. Null: not known.
+  /// Per brick of kBrickTexels^3, x fastest: 0 where neither it nor its margin shows anything. Null: not known.
   const std::uint8_t* visible;
   int brick_row, brick_slice;
   float per_voxel[3], offset[3];             ///< of a coarser level: texel index = voxel index * per_voxel + offset

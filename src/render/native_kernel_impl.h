@@ -366,17 +366,17 @@ SOFT_VOLUME_INLINE void splitPair(const std::int64_t* pairs, float, Floats& firs
 template <typename Texel, typename Pair>
 SOFT_VOLUME_INLINE void loadPairs(const TexelView& volume, const Place& place, int wanted,
                                   Pair (&pairs)[4][kPixelLanes]) {
+  // Within a slice 32 bits are enough: see TexelView.
   const Texel* texels = static_cast<const Texel*>(volume.texels);
-  std::int32_t x[kPixelLanes];
-  std::int32_t y[kPixelLanes];
+  const Ints in_slice = place.x + place.y * std::int32_t(volume.row);
+  std::int32_t at_slice[kPixelLanes];
   std::int32_t z[kPixelLanes];
-  __builtin_memcpy(x, &place.x, sizeof(x));
-  __builtin_memcpy(y, &place.y, sizeof(y));
+  __builtin_memcpy(at_slice, &in_slice, sizeof(at_slice));
   __builtin_memcpy(z, &place.z, sizeof(z));
   for (int n = 0; n < kPixelLanes; ++n) {
     if ((wanted >> n & 1) == 0)
       continue;
-    const Texel* at = texels + std::size_t(x[n]) + std::size_t(y[n]) * volume.row + std::size_t(z[n]) * volume.slice;
+    const Texel* at = texels + std::size_t(at_slice[n]) + std::size_t(z[n]) * volume.slice;
     __builtin_memcpy(&pairs[0][n], at, sizeof(Pair));
     __builtin_memcpy(&pairs[1][n], at + volume.row, sizeof(Pair));
     __builtin_memcpy(&pairs[2][n], at + volume.slice, sizeof(Pair));
@@ -440,7 +440,8 @@ __attribute__((noinline)) void fetchMipmapped(const TexelView& volume, const Flo
     Floats texel[3];
     for (int axis = 0; axis < 3; ++axis)
       texel[axis] = n == 0 ? voxel[axis] : voxel[axis] * texels.per_voxel[axis] + texels.offset[axis];
-    value += select(takes, part * fetchTexels(texels, texel, bits), all(0.0F));
+    const Floats scalar = bits == kAllLanes ? fetchTexels(texels, texel, kAllLanes) : fetchTexels(texels, texel, bits);
+    value += select(takes, part * scalar, all(0.0F));
   }
 }
 
@@ -666,17 +667,17 @@ __attribute__((noinline)) void addParts(const CompositeJob& job, const PixelStat
   Segment part;
   copySample<kind>(part.from, segment.from);
   part.front = segment.front;
-  const int wanted = bitsOf(segment.mask);
   for (int n = 1; n <= kParts; ++n) {
     const Floats t = all(float(n) / float(kParts));
     part.back = n < kParts ? between(segment.front, segment.back, t) : segment.back;
     if (n < kParts)
-      sampleBetween<kind>(job, segment.from, segment.to, t, part.back, wanted, part.to);
+      sampleBetween<kind>(job, segment.from, segment.to, t, part.back, kAllLanes, part.to);
     else
       copySample<kind>(part.to, segment.to);
     part.mask = segment.mask & isNumber(part.to.value) & isNumber(part.from.value);
     const Mean mean = meanOf<kind>(job, part, rays.cache);
-    addMean(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption));
+    if (any(part.mask & (mean.absorption > 0.0F)))
+      addMean(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption));
     copySample<kind>(part.from, part.to);
     part.front = part.back;
   }
@@ -1135,11 +1136,27 @@ __attribute__((noinline)) void addPlainSegment(const CompositeJob& job, const Pi
   addSegmentUnlit<SampleKind::kTexture>(job, state, rays, segment);
 }
 
+/// Whether a way adds something, or may after a closer look. That it does not is known without its mean where the
+/// integral is the same at both ends, except for ways within one entry other than the transparent ends of the table.
+SOFT_VOLUME_INLINE Ints mayAdd(const TableView& table, const Sample& from, const Sample& to) {
+  const std::int32_t last = table.size - 1;
+  const Ints first_ends = (to.entry == 0) & (table.entries[3] == 0.0F ? allInts(-1) : Ints{});
+  const Ints last_ends = (to.entry == last) & (table.entries[std::size_t(last) * 4 + 3] == 0.0F ? allInts(-1) : Ints{});
+  const Ints difference = to.entry - from.entry;
+  const Ints crossed = difference < 0 ? -difference : difference;
+  return (to.sum.c[3] != from.sum.c[3]) | ((difference == 0) & ~(first_ends | last_ends)) | (crossed > table.size / 4);
+}
+
 /// The ways from where the rays are to samples of the next planes.
 template <int count>
 SOFT_VOLUME_INLINE void addPlainSegments(const CompositeJob& job, const PixelState& state, Rays& rays,
                                          const Sample* samples, int plane) {
   const Ints alive = rays.opacity < kOpaque;
+  Ints may_add{};
+  for (int n = 0; n < count; ++n)
+    may_add |= mayAdd(job.table, n == 0 ? rays.sample : samples[n - 1], samples[n]);
+  if (!any(may_add & alive))
+    return;
   Mean means[count];
   Floats halvings[count];
   Ints in_parts{};
