@@ -8,6 +8,7 @@
 #include "light.h"
 #include "mipmap.h"
 #include "native_tile.h"
+#include "soft_volume/common/error.h"
 #include "soft_volume/common/parallel.h"
 #include "soft_volume/grid/cell_shape.h"
 #include "vertex_gradients.h"
@@ -207,6 +208,8 @@ std::string NativeCanvas::driver() const {
 }
 
 void NativeCanvas::setVolume(const Volume& volume) {
+  if (volume.geometry().voxelCount() > std::numeric_limits<std::uint32_t>::max() / 2)
+    throw InputError("the volume has more than 2^31 voxels; read it with a stride or a region of interest");
   texels_.emplace(volume);
   volume_geometry_ = volume.geometry();
   padded_texels_.clear();

@@ -77,8 +77,8 @@ constexpr int kBrickShift = 2;
 constexpr int kBrickTexels = 1 << kBrickShift;
 constexpr int kBrickMargin = 3;  ///< texels; in what spreads from brick to brick it is a brick more
 
-/// The volume's texels, or those of a coarser level of its mipmap; at least two along each axis and less than 2^31 in a
-/// slice.
+/// The volume's texels, or those of a coarser level of its mipmap; at least two along each axis and less than 2^32 in
+/// all.
 struct TexelView {
   const void* texels;
   int type;  ///< 0: int16, 1: uint16, 2: float32

@@ -16,6 +16,7 @@ namespace {
 
 typedef float Floats __attribute__((vector_size(32)));
 typedef std::int32_t Ints __attribute__((vector_size(32)));
+typedef std::uint32_t UInts __attribute__((vector_size(32)));
 typedef float Floats4 __attribute__((vector_size(16)));
 
 constexpr int kAllLanes = (1 << kPixelLanes) - 1;
@@ -366,17 +367,15 @@ SOFT_VOLUME_INLINE void splitPair(const std::int64_t* pairs, float, Floats& firs
 template <typename Texel, typename Pair>
 SOFT_VOLUME_INLINE void loadPairs(const TexelView& volume, const Place& place, int wanted,
                                   Pair (&pairs)[4][kPixelLanes]) {
-  // Within a slice 32 bits are enough: see TexelView.
   const Texel* texels = static_cast<const Texel*>(volume.texels);
-  const Ints in_slice = place.x + place.y * std::int32_t(volume.row);
-  std::int32_t at_slice[kPixelLanes];
-  std::int32_t z[kPixelLanes];
-  __builtin_memcpy(at_slice, &in_slice, sizeof(at_slice));
-  __builtin_memcpy(z, &place.z, sizeof(z));
+  const UInts number =
+      (UInts)place.x + (UInts)place.y * std::uint32_t(volume.row) + (UInts)place.z * std::uint32_t(volume.slice);
+  std::uint32_t numbers[kPixelLanes];
+  __builtin_memcpy(numbers, &number, sizeof(numbers));
   for (int n = 0; n < kPixelLanes; ++n) {
     if ((wanted >> n & 1) == 0)
       continue;
-    const Texel* at = texels + std::size_t(at_slice[n]) + std::size_t(z[n]) * volume.slice;
+    const Texel* at = texels + std::size_t(numbers[n]);
     __builtin_memcpy(&pairs[0][n], at, sizeof(Pair));
     __builtin_memcpy(&pairs[1][n], at + volume.row, sizeof(Pair));
     __builtin_memcpy(&pairs[2][n], at + volume.slice, sizeof(Pair));
@@ -661,25 +660,42 @@ constexpr float kHidingHalvings = 0.4F;
 constexpr int kTextureEntriesShare = 40;
 constexpr float kPartedHalvings = 0.1F;
 
+/// Whether a way adds something, or may after a closer look. That it does not is known without its mean where the
+/// integral is the same at both ends, except for ways within one entry other than the transparent ends of the table.
+SOFT_VOLUME_INLINE Ints mayAdd(const TableView& table, const Sample& from, const Sample& to) {
+  const std::int32_t last = table.size - 1;
+  const Ints first_ends = (to.entry == 0) & (table.entries[3] == 0.0F ? allInts(-1) : Ints{});
+  const Ints last_ends = (to.entry == last) & (table.entries[std::size_t(last) * 4 + 3] == 0.0F ? allInts(-1) : Ints{});
+  const Ints difference = to.entry - from.entry;
+  const Ints crossed = difference < 0 ? -difference : difference;
+  return (to.sum.c[3] != from.sum.c[3]) | ((difference == 0) & ~(first_ends | last_ends)) | (crossed > table.size / 4);
+}
+
 template <SampleKind kind>
 __attribute__((noinline)) void addParts(const CompositeJob& job, const PixelState& state, Rays& rays,
                                         const Segment& segment) {
+  Sample samples[kParts];
+  Floats depths[kParts];
+  for (int n = 0; n < kParts - 1; ++n) {
+    const Floats t = all(float(n + 1) / float(kParts));
+    depths[n] = between(segment.front, segment.back, t);
+    sampleBetween<kind>(job, segment.from, segment.to, t, depths[n], kAllLanes, samples[n]);
+  }
+  copySample<kind>(samples[kParts - 1], segment.to);
+  depths[kParts - 1] = segment.back;
   Segment part;
-  copySample<kind>(part.from, segment.from);
-  part.front = segment.front;
-  for (int n = 1; n <= kParts; ++n) {
-    const Floats t = all(float(n) / float(kParts));
-    part.back = n < kParts ? between(segment.front, segment.back, t) : segment.back;
-    if (n < kParts)
-      sampleBetween<kind>(job, segment.from, segment.to, t, part.back, kAllLanes, part.to);
-    else
-      copySample<kind>(part.to, segment.to);
-    part.mask = segment.mask & isNumber(part.to.value) & isNumber(part.from.value);
+  for (int n = 0; n < kParts; ++n) {
+    const Sample& from = n == 0 ? segment.from : samples[n - 1];
+    part.mask = segment.mask & isNumber(samples[n].value) & isNumber(from.value);
+    if (kind != SampleKind::kColour && !any(part.mask & mayAdd(job.table, from, samples[n])))
+      continue;
+    copySample<kind>(part.from, from);
+    copySample<kind>(part.to, samples[n]);
+    part.front = n == 0 ? segment.front : depths[n - 1];
+    part.back = depths[n];
     const Mean mean = meanOf<kind>(job, part, rays.cache);
     if (any(part.mask & (mean.absorption > 0.0F)))
       addMean(job, state, rays, part, mean, halvingsOf(rays, part, mean.absorption));
-    copySample<kind>(part.from, part.to);
-    part.front = part.back;
   }
 }
 
@@ -1134,17 +1150,6 @@ __attribute__((noinline)) void addPlainSegment(const CompositeJob& job, const Pi
   segment.back = all(job.z[plane]);
   rays.moment = all(0.0F);
   addSegmentUnlit<SampleKind::kTexture>(job, state, rays, segment);
-}
-
-/// Whether a way adds something, or may after a closer look. That it does not is known without its mean where the
-/// integral is the same at both ends, except for ways within one entry other than the transparent ends of the table.
-SOFT_VOLUME_INLINE Ints mayAdd(const TableView& table, const Sample& from, const Sample& to) {
-  const std::int32_t last = table.size - 1;
-  const Ints first_ends = (to.entry == 0) & (table.entries[3] == 0.0F ? allInts(-1) : Ints{});
-  const Ints last_ends = (to.entry == last) & (table.entries[std::size_t(last) * 4 + 3] == 0.0F ? allInts(-1) : Ints{});
-  const Ints difference = to.entry - from.entry;
-  const Ints crossed = difference < 0 ? -difference : difference;
-  return (to.sum.c[3] != from.sum.c[3]) | ((difference == 0) & ~(first_ends | last_ends)) | (crossed > table.size / 4);
 }
 
 /// The ways from where the rays are to samples of the next planes.
