@@ -46,15 +46,15 @@ void TransferTable::integrate() {
   }
 }
 
-int TransferTable::entryOf(double value) const {
-  return int(std::clamp((value - first_value_) * entries_per_value_, 0.0, double(kSize - 1)));
-}
-
 bool TransferTable::isTransparent(double low, double high) const {
-  // One entry more on both sides covers the rounding of the look-up.
-  const int begin = std::max(0, entryOf(low) - 1);
-  const int end = std::min(kSize, entryOf(high) + 3);
-  return opaque_before_[std::size_t(begin)] == opaque_before_[std::size_t(end)];
+  const auto place = [this](double value) { return (value - first_value_) * entries_per_value_; };
+  // One entry more on both sides covers the rounding of the look-up. A scalar that is further out than that gets the
+  // first or the last entry and none beside it.
+  const auto begin = std::size_t(std::clamp(place(low) - 1.0, 0.0, double(kSize - 1)));
+  const auto end = std::size_t(std::clamp(place(high) + 3.0, 1.0, double(kSize)));
+  const bool below = place(high) < -1.0;
+  const bool above = place(low) > double(kSize);
+  return opaque_before_[above ? std::size_t(kSize - 1) : begin] == opaque_before_[below ? std::size_t(1) : end];
 }
 
 }  // namespace soft_volume::core

@@ -30,7 +30,6 @@ class TransferTable {
   bool isTransparent(double low, double high) const;
 
  private:
-  int entryOf(double value) const;
   void integrate();
 
   std::vector<Entry> entries_;

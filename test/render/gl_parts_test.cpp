@@ -11,6 +11,7 @@
 #include "render/cell_grids.h"
 #include "render/render_scenes.h"
 #include "soft_volume/common/error.h"
+#include "transfer_table.h"
 #include "vertex_gradients.h"
 #include "volume_bricks.h"
 
@@ -270,6 +271,34 @@ TEST(Light, TheShadingStepIsTheSizeOfVoxelsOrCells) {
   geometry.dims = Vector3i(40, 20, 20);
   EXPECT_NEAR(shadingStep(grid, &geometry), 0.01, 1e-6) << "of the grid, whatever the volume's own spacing says";
   EXPECT_NEAR(shadingStep(grid, nullptr), 0.1, 1e-6);
+}
+
+/// Two peaks at the ends of the table: scalars beyond them show nothing, though they lie next to opaque entries.
+TEST(TransferTable, IsTransparentWhereNoLookUpFindsOpacity) {
+  TransferFunction function;
+  for (const double peak : {1.0, 4.0}) {
+    for (const double offset : {-0.1, 0.0, 0.1})
+      function.points.push_back({peak + offset, Vector3f::Ones(), offset == 0.0 ? 0.5F : 0.0F});
+  }
+  const TransferTable table(function);
+  EXPECT_TRUE(table.isTransparent(-5.0, 0.8));
+  EXPECT_TRUE(table.isTransparent(1.2, 3.8));
+  EXPECT_TRUE(table.isTransparent(4.2, 9.0));
+  EXPECT_FALSE(table.isTransparent(-5.0, 0.95));
+  EXPECT_FALSE(table.isTransparent(0.0, 9.0));
+  EXPECT_FALSE(table.isTransparent(4.05, 9.0));
+  const unsigned seed = 5;
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> scalar(0.5, 4.5);
+  for (int round = 0; round < 2000; ++round) {
+    const double low = scalar(random);
+    const double high = low + 0.1 * (scalar(random) - 0.5);
+    for (double value = low; value <= high; value += (high - low) / 20.0) {
+      const double place = (value - table.firstValue()) * table.entriesPerValue();
+      const auto entry = std::size_t(std::clamp(place, 0.0, double(TransferTable::kSize - 1)) + 0.5);
+      ASSERT_FALSE(table.isTransparent(low, high) && table.entries()[entry][3] > 0.0F) << value << ", seed " << seed;
+    }
+  }
 }
 
 }  // namespace
