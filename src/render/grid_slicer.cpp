@@ -131,11 +131,13 @@ class GridSlicer::Impl {
 
   void findCollapsed();
   void rankVertices(const Camera& camera, const PixelRect& rect, int threads);
-  void rangeCells(const std::vector<std::uint8_t>& skip, int threads);
+  void listDrawn(const std::vector<std::uint8_t>& skip);
+  void rangeCells(int threads);
   PlaneRange rangeOf(std::size_t cell) const;
   bool isOutside(std::size_t cell) const;
   void fillBuckets(int threads);
-  void markEdges();
+  template <typename IsUsed>
+  void markEdges(const IsUsed& isUsed);
   void findMissed(const Camera& camera, const std::vector<std::uint8_t>& skip, int threads);
   void fileMissed(const std::vector<Missed>& found);
   void listPlanes();
@@ -145,12 +147,17 @@ class GridSlicer::Impl {
 
   Camera camera_;
   SlicePlanes planes_;
-  std::vector<std::uint8_t> beyond_;      ///< per vertex, see Sides
-  std::vector<PlaneRange> cell_ranges_;   ///< per cell, empty where it is left out or between planes
-  std::vector<std::uint8_t> is_outside_;  ///< per cell, nonzero where its image lies outside the rectangle
+  std::vector<std::uint8_t> beyond_;  ///< per vertex, see Sides
+  // Per cell that is not skipped:
+  std::vector<PlaneRange> cell_ranges_;   ///< empty where it is left out or between planes
+  std::vector<std::uint8_t> is_outside_;  ///< nonzero where its image lies outside the rectangle
   bool is_any_beyond_ = false;
-  bool is_any_left_out_ = false;
-  std::vector<std::uint8_t> is_edge_used_;  ///< per edge, when any cell is left out
+  bool is_any_outside_ = false;
+  bool lists_known_ = false;
+  std::vector<std::uint8_t> skip_;          ///< what the lists were made for
+  std::vector<std::uint32_t> drawn_cells_;  ///< not skipped, ascending
+  std::vector<std::uint32_t> drawn_edges_;  ///< of them, ascending
+  std::vector<std::uint8_t> is_edge_used_;  ///< per edge, as of the last markEdges()
   std::vector<std::uint32_t> extra_keys_;   ///< per extra plane, as Missed::plane
   std::vector<std::size_t> work_;           ///< per plane, how many cells it and those before it cut
   std::vector<PlaneCutter> cutters_;        ///< per thread
@@ -168,6 +175,7 @@ void GridSlicer::Impl::setCells(const std::vector<CellType>& types, const std::v
   findCollapsed();
   extra_z_m.clear();
   cutters_.clear();
+  lists_known_ = false;
 }
 
 /// A cell that names a vertex twice. Polyhedra always do, once per face.
@@ -246,29 +254,46 @@ bool GridSlicer::Impl::isOutside(std::size_t cell) const {
   return beyond_all != 0;
 }
 
-void GridSlicer::Impl::rangeCells(const std::vector<std::uint8_t>& skip, int threads) {
-  const std::size_t count = grid.types.size();
-  cell_ranges_.resize(count);
-  is_outside_.assign(count, 0);
-  std::vector<std::uint8_t> is_left_out((count + kChunk - 1) / kChunk, 0);
-  forEachChunk(count, threads, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
-    for (std::size_t cell = begin; cell < end; ++cell) {
-      if (is_any_beyond_)
-        is_outside_[cell] = std::uint8_t(isOutside(cell));
-      const bool is_drawn = is_outside_[cell] == 0 && (skip.empty() || skip[cell] == 0);
-      cell_ranges_[cell] = is_drawn ? rangeOf(cell) : kNowhere;
-      if (!is_drawn)
-        is_left_out[chunk] = 1;
+/// What is skipped changes seldom: which cells and edges are left is kept.
+void GridSlicer::Impl::listDrawn(const std::vector<std::uint8_t>& skip) {
+  if (lists_known_ && skip == skip_)
+    return;
+  lists_known_ = true;
+  skip_ = skip;
+  drawn_cells_.clear();
+  for (std::size_t cell = 0; cell < grid.types.size(); ++cell) {
+    if (skip.empty() || skip[cell] == 0)
+      drawn_cells_.push_back(std::uint32_t(cell));
+  }
+  markEdges([](std::uint32_t) { return true; });
+  drawn_edges_.clear();
+  for (std::size_t edge = 0; edge < is_edge_used_.size(); ++edge) {
+    if (is_edge_used_[edge] != 0)
+      drawn_edges_.push_back(std::uint32_t(edge));
+  }
+}
+
+void GridSlicer::Impl::rangeCells(int threads) {
+  cell_ranges_.resize(grid.types.size());
+  is_outside_.resize(grid.types.size());
+  std::vector<std::uint8_t> is_outside_any((drawn_cells_.size() + kChunk - 1) / kChunk, 0);
+  forEachChunk(drawn_cells_.size(), threads, [&](std::size_t chunk, std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::uint32_t cell = drawn_cells_[i];
+      is_outside_[cell] = std::uint8_t(is_any_beyond_ && isOutside(cell));
+      cell_ranges_[cell] = is_outside_[cell] == 0 ? rangeOf(cell) : kNowhere;
+      is_outside_any[chunk] |= is_outside_[cell];
     }
   });
-  is_any_left_out_ = std::find(is_left_out.begin(), is_left_out.end(), 1) != is_left_out.end();
+  is_any_outside_ = std::find(is_outside_any.begin(), is_outside_any.end(), 1) != is_outside_any.end();
 }
 
 /// Edges that only cells have which are left out need not be cut.
-void GridSlicer::Impl::markEdges() {
+template <typename IsUsed>
+void GridSlicer::Impl::markEdges(const IsUsed& isUsed) {
   is_edge_used_.assign(grid.edges.ends.size(), 0);
-  for (std::size_t cell = 0; cell < cell_ranges_.size(); ++cell) {
-    if (cell_ranges_[cell].first >= cell_ranges_[cell].end)
+  for (const std::uint32_t cell : drawn_cells_) {
+    if (!isUsed(cell))
       continue;
     for (std::uint32_t i = grid.edges.cell_offsets[cell]; i < grid.edges.cell_offsets[cell + 1]; ++i) {
       if (grid.edges.cell_edges[i] != GridEdges::kNone)
@@ -278,20 +303,20 @@ void GridSlicer::Impl::markEdges() {
 }
 
 void GridSlicer::Impl::fillBuckets(int threads) {
-  grid.cell_buckets.build(grid.types.size(), planes_.count, threads,
-                          [this](std::size_t cell) { return cell_ranges_[cell]; });
-  const auto edgeRange = [this](std::size_t edge) {
+  grid.cell_buckets.build(drawn_cells_, planes_.count, threads,
+                          [this](std::uint32_t cell) { return cell_ranges_[cell]; });
+  const auto edgeRange = [this](std::uint32_t edge) {
     const std::uint16_t a = grid.ranks[grid.edges.ends[edge][0]];
     const std::uint16_t b = grid.ranks[grid.edges.ends[edge][1]];
     return PlaneRange{std::min(a, b), std::max(a, b)};
   };
-  if (!is_any_left_out_) {
-    grid.edge_buckets.build(grid.edges.ends.size(), planes_.count, threads, edgeRange);
+  if (!is_any_outside_) {
+    grid.edge_buckets.build(drawn_edges_, planes_.count, threads, edgeRange);
     return;
   }
-  markEdges();
-  grid.edge_buckets.build(grid.edges.ends.size(), planes_.count, threads,
-                          [&](std::size_t edge) { return is_edge_used_[edge] != 0 ? edgeRange(edge) : kNowhere; });
+  markEdges([this](std::uint32_t cell) { return cell_ranges_[cell].first < cell_ranges_[cell].end; });
+  grid.edge_buckets.build(drawn_edges_, planes_.count, threads,
+                          [&](std::uint32_t edge) { return is_edge_used_[edge] != 0 ? edgeRange(edge) : kNowhere; });
 }
 
 /// What lies between plane `number` and the one before it; where there is none, the ladder of planes goes on.
@@ -408,7 +433,8 @@ void GridSlicer::Impl::bucket(const Camera& camera, const SlicePlanes& planes, c
   extra_keys_.clear();
   extra_z_m.clear();
   rankVertices(camera, rect, threads);
-  rangeCells(skip, threads);
+  listDrawn(skip);
+  rangeCells(threads);
   fillBuckets(threads);
   if (extra)
     findMissed(camera, skip, threads);

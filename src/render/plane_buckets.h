@@ -25,10 +25,10 @@ class PlaneBuckets {
     std::uint32_t end;  ///< one past the last plane that cuts it
   };
 
-  /// `rangeOf(number)` of every number in [0, count) is asked twice; what has an empty range is left out. The result
+  /// `rangeOf(number)` of each of the ascending numbers is asked twice; what has an empty range is left out. The result
   /// does not depend on the number of threads.
   template <typename RangeOf>
-  void build(std::size_t count, int planes, int threads, const RangeOf& rangeOf);
+  void build(const std::vector<std::uint32_t>& numbers, int planes, int threads, const RangeOf& rangeOf);
 
   /// What is cut by `plane` first, ascending by number.
   const Item* begin(int plane) const { return items_.data() + begin_[std::size_t(plane)]; }
@@ -50,7 +50,8 @@ class PlaneBuckets {
 };
 
 template <typename RangeOf>
-void PlaneBuckets::build(std::size_t count, int planes, int threads, const RangeOf& rangeOf) {
+void PlaneBuckets::build(const std::vector<std::uint32_t>& numbers, int planes, int threads, const RangeOf& rangeOf) {
+  const std::size_t count = numbers.size();
   // Each block of numbers counts on its own, so that blocks can be filled in beside each other.
   const auto blocks = std::size_t(std::max(1, threads));
   // What has no range goes into a bucket of its own at the end: half of all edges are of that kind, in no order that a
@@ -63,7 +64,7 @@ void PlaneBuckets::build(std::size_t count, int planes, int threads, const Range
   parallelFor(std::ptrdiff_t(blocks), threads, [&](std::ptrdiff_t b) {
     const auto block = std::size_t(b);
     for (std::size_t i = blockBegin(block); i < blockBegin(block + 1); ++i) {
-      ++next[block * buckets + bucketOf(rangeOf(i))];
+      ++next[block * buckets + bucketOf(rangeOf(numbers[i]))];
     }
   });
   begin_.assign(buckets + 1, 0);
@@ -81,8 +82,8 @@ void PlaneBuckets::build(std::size_t count, int planes, int threads, const Range
   parallelFor(std::ptrdiff_t(blocks), threads, [&](std::ptrdiff_t b) {
     const auto block = std::size_t(b);
     for (std::size_t i = blockBegin(block); i < blockBegin(block + 1); ++i) {
-      const PlaneRange range = rangeOf(i);
-      items_[next[block * buckets + bucketOf(range)]++] = {std::uint32_t(i), range.end};
+      const PlaneRange range = rangeOf(numbers[i]);
+      items_[next[block * buckets + bucketOf(range)]++] = {numbers[i], range.end};
     }
   });
   makeCheckpoints(planes);
