@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "changed_pixels.h"
 #include "drawn_grid.h"
 #include "soft_volume/render/renderer.h"
 #include "soft_volume/render/slice_mesh.h"
@@ -21,6 +22,7 @@ struct DrawJob {
   PixelRect rect;                          ///< only these pixels are drawn
   SlicePlanes planes;                      ///< all but the extra ones
   bool cross_section;                      ///< one slice, colours without transparency
+  const ChangedPixels* changed = nullptr;  ///< pixels of the rectangle that need be drawn; null for all
 };
 
 /// What fills and composites the polygons of slices. Renderer calls setGrid, setTable and, for a textured grid,
@@ -35,7 +37,8 @@ class Canvas {
   virtual void setGrid(const DrawnGrid& grid) = 0;  ///< stays alive until the next call
   virtual void begin(const DrawJob& job) = 0;       ///< what the job refers to stays alive until finish()
   virtual void draw(const SliceMesh& mesh) = 0;     ///< needed only during the call
-  /// Writes the pixels of the job's rectangle into the frame, whose images have their sizes already, and counts.
+  /// Writes the pixels of the job's rectangle into the frame, whose images have their sizes already, and counts. Those
+  /// that did not change may be written again or be left.
   virtual void finish(Frame& frame) = 0;
   virtual std::string driver() const = 0;
 };

@@ -348,21 +348,40 @@ void NativeCanvas::prepareTiles() {
   tiles_x_ = rect.empty() ? 0 : floorDivide(rect.end_x - 1, kTileWidth) + 1 - first_tile_x_;
   tiles_y_ = rect.empty() ? 0 : floorDivide(rect.end_y - 1, kTileHeight) + 1 - first_tile_y_;
   tiles_.resize(tileCount());
-  parallelTasks(std::ptrdiff_t(tileCount()), threads_, [&](std::ptrdiff_t i, int) {
-    Tile& tile = tiles_[std::size_t(i)];
+  for (std::size_t i = 0; i < tileCount(); ++i) {
+    Tile& tile = tiles_[i];
     tile.x = (first_tile_x_ + int(i) % tiles_x_) * kTileWidth;
     tile.y = (first_tile_y_ + int(i) / tiles_x_) * kTileHeight;
-    tile.opaque = false;
+    tile.opaque = true;
+    tile.blank = true;
     tile.segments = 0;
-    tile.blocks.fill(kBlockOutside);
     tile.event_layers = 0;
-    tile.floats.assign(std::size_t(job_->options.depth ? 11 : 10) * kTilePixels, 0.0F);
-    std::fill_n(tile.array(4), kTilePixels, kNaN);  // the scalar of kScalar
-    std::fill_n(tile.array(7), kTilePixels, kNaN);  // that of the others
-    if (job_->options.depth)
-      std::fill_n(tile.array(10), kTilePixels, kNaN);
-    tile.labels.assign(job_->options.labels ? kTilePixels : 0, 0);
-  });
+    for (int block = 0; block < kTileBlocks; ++block) {
+      const bool wanted = isWanted(tile, block);
+      tile.blocks[std::size_t(block)] = wanted ? kBlockOutside : kBlockOpaque;
+      tile.opaque = tile.opaque && !wanted;
+    }
+  }
+}
+
+/// Whether a block of a tile has pixels to draw.
+bool NativeCanvas::isWanted(const Tile& tile, int block) const {
+  const PixelRect& rect = job_->rect;
+  const int x = tile.x + block * kPixelLanes % kTileWidth;
+  const int y = tile.y + block * kPixelLanes / kTileWidth;
+  return y >= rect.begin_y && y < rect.end_y && x < rect.end_x && x + kPixelLanes > rect.begin_x &&
+         (job_->changed == nullptr || job_->changed->has(x, y));
+}
+
+/// Rays that have met nothing. What they keep of the last sample means nothing as long as that is not a number.
+void NativeCanvas::startTile(Tile& tile) const {
+  tile.blank = false;
+  tile.floats.resize(11 * std::size_t(kTilePixels));
+  std::fill_n(tile.array(0), 4 * kTilePixels, 0.0F);
+  std::fill_n(tile.array(kind_ == SampleKind::kScalar ? 4 : 7), kTilePixels, kNaN);
+  if (job_->options.depth)
+    std::fill_n(tile.array(10), kTilePixels, kNaN);
+  tile.labels.assign(job_->options.labels ? kTilePixels : 0, 0);
 }
 
 void NativeCanvas::prepareJob() {
@@ -572,19 +591,34 @@ void NativeCanvas::composite(Tile& tile, CompositeJob& job, const Scratch& scrat
   }
   const PixelState state = tile.state(job_->options.depth);
   tile.segments += kernel_.composite(job, state);
-  tile.opaque = true;
-  for (int y = job.begin_y; y < job.end_y && tile.opaque; ++y) {
-    const std::uint8_t* row = state.block + (y - tile.y) * (kTileWidth / kPixelLanes);
-    const int end = (job.end_x - tile.x + kPixelLanes - 1) / kPixelLanes;
-    tile.opaque = std::all_of(row + (job.begin_x - tile.x) / kPixelLanes, row + end,
-                              [](std::uint8_t block) { return block == kBlockOpaque; });
+  tile.opaque =
+      std::all_of(tile.blocks.begin(), tile.blocks.end(), [](std::uint8_t block) { return block == kBlockOpaque; });
+}
+
+/// Samples are only needed where a ray can still see something, and around that for normals.
+void NativeCanvas::setWindow(const Tile& tile, FillTarget& target) {
+  constexpr int kBlocks = kTileWidth / kPixelLanes;
+  int first_x = kBlocks, last_x = -1, first_y = kTileHeight, last_y = -1;
+  for (int block = 0; block < kTileBlocks; ++block) {
+    if (tile.blocks[std::size_t(block)] == kBlockOpaque)
+      continue;
+    first_x = std::min(first_x, block % kBlocks);
+    last_x = std::max(last_x, block % kBlocks);
+    first_y = std::min(first_y, block / kBlocks);
+    last_y = std::max(last_y, block / kBlocks);
   }
+  target.begin_x = tile.x + first_x * kPixelLanes - kApron;
+  target.end_x = tile.x + (last_x + 1) * kPixelLanes + kApron;
+  target.begin_y = tile.y + first_y - kApron;
+  target.end_y = tile.y + last_y + 1 + kApron;
 }
 
 void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32_t* polygons, std::size_t count,
                             std::size_t first_slice, std::size_t end_slice, bool last, Scratch& scratch) const {
-  if (tile.opaque)
+  if (tile.opaque || (tile.blank && count == 0 && tile.event_layers == 0))
     return;
+  if (tile.blank)
+    startTile(tile);
   scratch.occupied.fill(0);
   scratch.hits.fill(0);
   std::size_t slice = first_slice;
@@ -594,11 +628,10 @@ void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32
   FillTarget target{};
   target.first_x = tile.x - kPixelLanes;
   target.first_y = tile.y - kApron;
-  target.begin_x = tile.x - kApron;
-  target.end_x = tile.x + kTileWidth + kApron;
-  target.begin_y = tile.y - kApron;
-  target.end_y = tile.y + kTileHeight + kApron;
+  setWindow(tile, target);
   target.hits = scratch.hits.data();
+  const std::size_t first_sample = std::size_t(target.begin_y - target.first_y) * kSampleStride;
+  const std::size_t sample_count = std::size_t(target.end_y - target.begin_y) * kSampleStride;
   for (std::size_t n = 0; n < count; ++n) {
     while (polygons[n] >= mesh.slices[slice].first_polygon + mesh.slices[slice].polygon_count)
       ++slice;
@@ -606,7 +639,7 @@ void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32
     if (scratch.occupied[plane] == 0) {
       scratch.occupied[plane] = 1;
       for (std::size_t a = 0; a < blank; ++a)
-        std::fill_n(scratch.sampleAt(a, plane), kPlaneSamples, kNaN);
+        std::fill_n(scratch.sampleAt(a, plane) + first_sample, sample_count, kNaN);
     }
     for (std::size_t a = 0; a < attributes; ++a)
       target.sample[a] = scratch.sampleAt(a, plane);
@@ -658,31 +691,40 @@ void NativeCanvas::draw(const SliceMesh& mesh) {
   slices_ += int(mesh.slices.size());
 }
 
+void NativeCanvas::copyTile(Tile& tile, Frame& frame) const {
+  if (tile.blank)
+    startTile(tile);
+  const PixelState state = tile.state(job_->options.depth);
+  for (int block = 0; block < kTileBlocks; ++block) {
+    if (!isWanted(tile, block))
+      continue;
+    const int x = tile.x + block * kPixelLanes % kTileWidth;
+    const int y = tile.y + block * kPixelLanes / kTileWidth;
+    const int end_x = std::min(x + kPixelLanes, job_->rect.end_x);
+    for (int at = std::max(x, job_->rect.begin_x); at < end_x; ++at) {
+      const std::size_t from = std::size_t(block) * kPixelLanes + std::size_t(at - x);
+      const std::size_t to = std::size_t(y) * std::size_t(frame.width) + std::size_t(at);
+      for (std::size_t n = 0; n < 3; ++n)
+        frame.rgba[to * 4 + n] = state.colour[n][from];
+      frame.rgba[to * 4 + 3] = state.opacity[from];
+      if (state.depth != nullptr)
+        frame.depth_m[to] = state.depth[from];
+      if (state.label != nullptr)
+        frame.labels[to] = state.label[from];
+    }
+  }
+}
+
 void NativeCanvas::finish(Frame& frame) {
   if (tileCount() > 0 && !job_->cross_section)
     drawRun({}, 0, 0, true);
   frame.polygons = polygons_;
   frame.slices = slices_;
   frame.fragments = 0;
-  const std::size_t width = std::size_t(frame.width);
-  for (Tile& tile : tiles_) {
+  for (const Tile& tile : tiles_)
     frame.fragments += tile.segments;
-    const PixelState state = tile.state(job_->options.depth);
-    const PixelRect& rect = job_->rect;
-    for (int y = std::max(tile.y, rect.begin_y); y < std::min(tile.y + kTileHeight, rect.end_y); ++y) {
-      for (int x = std::max(tile.x, rect.begin_x); x < std::min(tile.x + kTileWidth, rect.end_x); ++x) {
-        const std::size_t from = std::size_t(y - tile.y) * kTileWidth + std::size_t(x - tile.x);
-        const std::size_t to = std::size_t(y) * width + std::size_t(x);
-        for (std::size_t n = 0; n < 3; ++n)
-          frame.rgba[to * 4 + n] = state.colour[n][from];
-        frame.rgba[to * 4 + 3] = state.opacity[from];
-        if (state.depth != nullptr)
-          frame.depth_m[to] = state.depth[from];
-        if (state.label != nullptr)
-          frame.labels[to] = state.label[from];
-      }
-    }
-  }
+  parallelTasks(std::ptrdiff_t(tileCount()), threads_,
+                [&](std::ptrdiff_t i, int) { copyTile(tiles_[std::size_t(i)], frame); });
   job_ = nullptr;
 }
 

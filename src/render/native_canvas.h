@@ -37,6 +37,8 @@ class NativeCanvas : public Canvas {
 
   SampleKind kind() const;
   void prepareTiles();
+  bool isWanted(const Tile& tile, int block) const;
+  void startTile(Tile& tile) const;
   void prepareJob();
   void prepareColours();
   void findVisibleBricks();
@@ -53,6 +55,8 @@ class NativeCanvas : public Canvas {
   void setTrilinearCorners(const SliceMesh& mesh, const SlicePolygon& polygon, FillCorner* corners) const;
   FillCorner cornerAt(const SliceMesh& mesh, const SlicePolygon& polygon, std::size_t corner) const;
   void composite(Tile& tile, CompositeJob& job, const Scratch& scratch) const;
+  static void setWindow(const Tile& tile, FillTarget& target);
+  void copyTile(Tile& tile, Frame& frame) const;
   void valuesAtVertex(std::uint32_t vertex, float* values) const;
   std::size_t tileCount() const { return std::size_t(tiles_x_) * std::size_t(tiles_y_); }
 

@@ -17,6 +17,7 @@ inline std::size_t samplePartsOf(SampleKind kind) {
 struct NativeCanvas::Tile {
   int x = 0, y = 0;
   bool opaque = false;
+  bool blank = true;  ///< nothing was drawn into it yet: its arrays are still those of the last frame
   std::size_t segments = 0;
   std::array<std::uint8_t, kTileBlocks> blocks{};  ///< as PixelState::block
   std::vector<float> floats;                       ///< ten or eleven arrays of kTilePixels

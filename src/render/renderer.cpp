@@ -8,6 +8,7 @@
 #include <string>
 
 #include "canvas.h"
+#include "changed_pixels.h"
 #include "drawn_grid.h"
 #include "exact_tracer.h"
 #include "gl_canvas.h"
@@ -216,7 +217,7 @@ class Renderer::Impl {
       throw InputError("set a segmentation before asking for the label image");
     Stopwatch watch;
     const View view = choosePlanes(camera, positions, options);
-    const PixelRect rect = dirtyRect(camera, positions, options, view);
+    const PixelRect rect = changedRect(camera, positions, options, view);
     startFrame(camera, options, rect);
     frame_.transform_ms = watch.lap();
     if (canvas_)
@@ -244,6 +245,7 @@ class Renderer::Impl {
     slicer_.transform(camera, grid_.rest_positions, threadsFor(0));
     const View view{{z_m - 0.5, 1.0, 0, 1}};
     forgetFrame();
+    is_update_ = false;
     startFrame(camera, options, wholeImage(camera));
     drawSlices(camera, options, view, wholeImage(camera), true);
     return frame_;
@@ -259,6 +261,7 @@ class Renderer::Impl {
     if (!stored_)
       storeSlices();
     const SliceMesh mesh = seenFrom(camera);
+    is_update_ = false;
     startFrame(camera, last_->options, wholeImage(camera));
     frame_.transform_ms = watch.lap();
     canvas_->begin(jobFor(camera, last_->options, wholeImage(camera), last_->view.planes, false));
@@ -266,7 +269,6 @@ class Renderer::Impl {
     canvas_->finish(frame_);
     frame_.render_ms = watch.lap();
     job_.reset();
-    shows_last_ = false;
     return frame_;
   }
 
@@ -357,12 +359,17 @@ class Renderer::Impl {
            (now.first_number != before.first_number && !(view.all_planes && last_->view.all_planes));
   }
 
-  /// Where the image may differ from the last one.
-  PixelRect dirtyRect(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options,
-                      const View& view) {
-    if (!last_ || !shows_last_ || !equal(last_->camera, camera) || !equal(last_->options, options))
-      return wholeImage(camera);
-    if (canvas_ && changesOtherPlanes(view))
+  /// Whether another image than the last one has to be drawn, rather than the last one with other positions.
+  bool isAnother(const Camera& camera, const RenderOptions& options, const View& view) const {
+    return !last_ || !shows_last_ || !equal(last_->camera, camera) || !equal(last_->options, options) ||
+           (canvas_ && changesOtherPlanes(view));
+  }
+
+  /// Where the image may differ from the last one; sets changed_ when there is one to go on with.
+  PixelRect changedRect(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options,
+                        const View& view) {
+    is_update_ = false;
+    if (isAnother(camera, options, view))
       return wholeImage(camera);
     std::vector<std::uint8_t> changed(positions.size());
     for (std::size_t i = 0; i < positions.size(); ++i)
@@ -370,23 +377,38 @@ class Renderer::Impl {
     // Normals are averaged over the cells around a vertex.
     if (backend_ != Backend::kNative)
       spread(changed);
+    changed_.reset(camera.width, camera.height);
     Eigen::AlignedBox2d box;
     for (std::size_t cell = 0; cell < grid_.cellCount(); ++cell) {
       bool is_changed = false;
       forEachCorner(grid_, cell, [&](std::uint32_t v) { is_changed = is_changed || changed[v] != 0; });
       if (!is_changed || skippedWith(options)[cell] != 0)
         continue;
-      bool is_behind = false;
-      forEachCorner(grid_, cell, [&](std::uint32_t v) {
-        for (const Vector3f& p : {slicer_.positions()[v], last_->camera_positions[v]}) {
-          is_behind = is_behind || (camera.projection == Projection::kPerspective && p.z() < camera.near_m);
-          if (!is_behind)
-            box.extend(camera.project(p.cast<double>()));
-        }
-      });
-      if (is_behind)
+      const std::optional<Octagon> image = imageOf(camera, cell);
+      if (!image)
         return wholeImage(camera);
+      changed_.add(*image, kDirtyMargin);
+      box.extend(image->box());
     }
+    is_update_ = true;
+    return rectAround(camera, box);
+  }
+
+  /// What a cell covers in the image now or did in the last one; none where it reaches behind the eye.
+  std::optional<Octagon> imageOf(const Camera& camera, std::size_t cell) const {
+    Octagon image;
+    bool is_behind = false;
+    forEachCorner(grid_, cell, [&](std::uint32_t v) {
+      for (const Vector3f& p : {slicer_.positions()[v], last_->camera_positions[v]}) {
+        is_behind = is_behind || (camera.projection == Projection::kPerspective && p.z() < camera.near_m);
+        if (!is_behind)
+          image.add(camera.project(p.cast<double>()));
+      }
+    });
+    return is_behind ? std::nullopt : std::make_optional(image);
+  }
+
+  static PixelRect rectAround(const Camera& camera, const Eigen::AlignedBox2d& box) {
     if (box.isEmpty())
       return {};
     const auto pixel = [](double place, int limit) { return int(std::clamp(place, 0.0, double(limit))); };
@@ -407,14 +429,13 @@ class Renderer::Impl {
     }
   }
 
-  /// A frame of the right size that is blank within the rectangle.
+  /// A frame of the right size, of which the rectangle is to be drawn.
   void startFrame(const Camera& camera, const RenderOptions& options, const PixelRect& rect) {
     const std::size_t pixels = std::size_t(camera.width) * std::size_t(camera.height);
-    if (rect.pixels() == pixels) {
-      frame_.rgba.assign(pixels * 4, 0.0F);
-      frame_.depth_m.assign(options.depth ? pixels : 0, std::numeric_limits<float>::quiet_NaN());
-      frame_.labels.assign(options.labels ? pixels : 0, 0);
-    }
+    shows_last_ = false;
+    frame_.rgba.resize(pixels * 4);
+    frame_.depth_m.resize(options.depth ? pixels : 0);
+    frame_.labels.resize(options.labels ? pixels : 0);
     frame_.width = camera.width;
     frame_.height = camera.height;
     frame_.updated = rect;
@@ -428,7 +449,7 @@ class Renderer::Impl {
   const DrawJob& jobFor(const Camera& camera, const RenderOptions& options, const PixelRect& rect,
                         const SlicePlanes& planes, bool cross_section) {
     return job_.emplace(DrawJob{camera, options, slicer_.positions(), cross_section ? empty_ : skippedWith(options),
-                                rect, planes, cross_section});
+                                rect, planes, cross_section, is_update_ ? &changed_ : nullptr});
   }
 
   void drawSlices(const Camera& camera, const RenderOptions& options, const View& view, PixelRect rect,
@@ -444,8 +465,9 @@ class Renderer::Impl {
     }
     slicer_.bucket(camera, view.planes, skipped, rect, options.adaptive, threads);
     planes_extra_ = slicer_.extraPlanes();
-    if (rect.pixels() != wholeImage(camera).pixels() && planes_extra_ != last_->extra_planes) {
+    if (is_update_ && planes_extra_ != last_->extra_planes) {
       // Planes that come or go change the whole image.
+      is_update_ = false;
       rect = wholeImage(camera);
       startFrame(camera, options, rect);
       slicer_.bucket(camera, view.planes, skipped, rect, options.adaptive, threads);
@@ -624,6 +646,8 @@ class Renderer::Impl {
   std::vector<std::uint8_t> empty_;             ///< has no scalar
   std::vector<std::uint8_t> transparent_;       ///< or shows nothing
   std::vector<std::uint8_t> far_from_visible_;  ///< or neither it nor a neighbour shows anything
+  bool is_update_ = false;                      ///< the frame is the last one where changed_ has no pixels
+  ChangedPixels changed_;
   std::optional<DrawJob> job_;
   std::vector<float> planes_extra_;
   Frame frame_;

@@ -136,6 +136,59 @@ TEST_P(Changes, DrawnByThemselvesGiveTheSameBits) {
   });
 }
 
+/// Moves the vertices within `reach_m` of two random ones; the rest of the rectangle around both stays.
+void pokeTwoPlaces(std::vector<Vector3f>& positions, float reach_m, std::mt19937& random) {
+  const std::vector<Vector3f> before = positions;
+  std::uniform_real_distribution<float> offset(-0.1F, 0.1F);
+  for (int place = 0; place < 2; ++place) {
+    const Vector3f centre = before[random() % before.size()];
+    const Vector3f move(offset(random), offset(random), offset(random));
+    for (std::size_t i = 0; i < before.size(); ++i) {
+      if ((before[i] - centre).norm() < reach_m)
+        positions[i] += move;
+    }
+  }
+}
+
+TEST_P(Changes, AtTwoPlacesGiveTheSameBits) {
+  if (isExact())
+    GTEST_SKIP() << "exact draws the whole rectangle";
+  for (const unsigned seed : {1U, 20U, 300U, 4000U}) {
+    Pair pair(GetParam().backend, GetParam().kind);
+    pair.options.shading = seed % 3 == 0 ? 0.7 : 0.0;
+    pair.options.depth = seed % 2 == 0;
+    std::mt19937 random(seed);
+    std::vector<Vector3f> positions = pair.rest;
+    const Camera camera =
+        obliqueCamera(seed < 100 ? Projection::kPerspective : Projection::kParallel, 2 * width(), 2 * height());
+    for (int frame = 0; frame < 5; ++frame) {
+      pair.expectEqualFrames(camera, positions, "pokes from seed " + std::to_string(seed));
+      pokeTwoPlaces(positions, 0.1F, random);
+    }
+  }
+}
+
+/// Of two corners of the grid in opposite corners of the image, native draws little more than the corners.
+TEST_P(Changes, FarFromEachOtherLeaveWhatLiesBetween) {
+  if (GetParam().backend != Backend::kNative)
+    GTEST_SKIP() << "others draw the whole rectangle";
+  Pair pair(GetParam().backend, GetParam().kind);
+  pair.set([](Renderer& r) {
+    TransferFunction haze;
+    haze.points = {{-100.0, Vector3f::Ones(), 0.02F}, {100.0, Vector3f::Ones(), 0.02F}};
+    r.setTransferFunction(haze);
+  });
+  const Camera camera = obliqueCamera(Projection::kParallel, 2 * width(), 2 * height());
+  const std::size_t whole = pair.expectEqualFrames(camera, pair.rest, "rest").fragments;
+  std::vector<Vector3f> positions = pair.rest;
+  positions.front() += Vector3f(0.05F, 0.05F, 0.05F);
+  positions.back() -= Vector3f(0.05F, 0.05F, 0.05F);
+  const Frame& frame = pair.expectEqualFrames(camera, positions, "two corners");
+  EXPECT_GT(frame.fragments, 0U);
+  EXPECT_GT(frame.updated.pixels(), std::size_t(camera.width * camera.height) / 10) << "the corners are not far apart";
+  EXPECT_LT(frame.fragments, whole / 4);
+}
+
 TEST_P(Changes, NoneDrawNothing) {
   Pair pair(GetParam().backend, GetParam().kind);
   const Camera camera = obliqueCamera(Projection::kPerspective, width(), height());
