@@ -1,6 +1,5 @@
 #pragma once
 
-#include <ros/serialization.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 
@@ -11,6 +10,7 @@
 
 #include "bag_records.h"
 #include "recorded_inputs.h"
+#include "soft_volume/messages/checked_stream.h"
 #include "soft_volume/replay/replay_bag.h"
 
 namespace soft_volume {
@@ -21,11 +21,11 @@ std::vector<std::uint8_t> readBytes(const rosbag::MessageInstance& instance, std
 template <typename Message>
 Message parseMessage(std::vector<std::uint8_t> bytes) {
   Message message;
-  ros::serialization::IStream stream(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
+  CheckedStream stream(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
   try {
-    ros::serialization::deserialize(stream, message);
+    stream.next(message);
   } catch (const std::exception& error) {
-    stream = ros::serialization::IStream(bytes.data(), 1);
+    stream = CheckedStream(bytes.data(), 1);
   }
   if (stream.getLength() != 0) {
     throw ReplayError(std::string("the bag is damaged: a ") + ros::message_traits::datatype<Message>() +

@@ -20,6 +20,7 @@
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/topics.h"
 #include "soft_volume/render/option_names.h"
+#include "soft_volume/ros/checked_subscription.h"
 #include "soft_volume/ros/parameters.h"
 
 namespace soft_volume {
@@ -122,16 +123,15 @@ RendererNode::RendererNode(const ros::NodeHandle& node, const ros::NodeHandle& p
   parameters_ = std::make_unique<RenderParameters>(private_node, incidents_,
                                                    [this](const std::string& yaml) { return applyParameters(yaml); });
   stats_publisher_ = node_.advertise<RenderStats>(topics::kRenderStats, 1000);
-  const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   subscribers_ = {
-      node_.subscribe<Scene>(
-          topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, nullptr, hints),
-      node_.subscribe<Volume>(
-          topics::kVolume, 10, [this](const Volume::ConstPtr& m) { hearVolume(m); }, nullptr, hints),
-      node_.subscribe<GridTopology>(
-          topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, nullptr, hints),
-      node_.subscribe<GridState>(
-          topics::kState, 100, [this](const GridState::ConstPtr& m) { hearState(m); }, nullptr, hints)};
+      subscribeChecked<Scene>(
+          node_, topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, incidents_),
+      subscribeChecked<Volume>(
+          node_, topics::kVolume, 10, [this](const Volume::ConstPtr& m) { hearVolume(m); }, incidents_),
+      subscribeChecked<GridTopology>(
+          node_, topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, incidents_),
+      subscribeChecked<GridState>(
+          node_, topics::kState, 100, [this](const GridState::ConstPtr& m) { hearState(m); }, incidents_)};
   diagnostics_.setHardwareID("none");
   diagnostics_.add("renderer", this, &RendererNode::diagnose);
   diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
@@ -467,7 +467,7 @@ void RendererNode::prepare(CameraChannel& channel, const Snapshot& snapshot) {
 core::RenderOptions RendererNode::optionsOf(const CameraChannel& channel, const Snapshot& snapshot) const {
   core::RenderOptions options = snapshot.settings->coarser(channel.coarseness);
   options.labels = snapshot.labels && channel.labels.getNumSubscribers() > 0;
-  options.depth = options.labels || channel.depth.getNumSubscribers() > 0;  // labels are those at the depth
+  options.depth = channel.depth.getNumSubscribers() > 0;
   options.threads = threads_;
   return options;
 }

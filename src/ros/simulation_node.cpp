@@ -19,6 +19,7 @@
 
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/topics.h"
+#include "soft_volume/ros/checked_subscription.h"
 #include "soft_volume/ros/parameters.h"
 
 namespace soft_volume {
@@ -191,8 +192,8 @@ void SimulationNode::subscribe() {
   subscribers_ = {
       node_.subscribe<ToolForce>(
           topics::kToolForce, 1000, [this](const ToolForce::ConstPtr& m) { queueInput(m); }, nullptr, hints),
-      node_.subscribe<ToolCut>(
-          topics::kToolCut, 1000, [this](const ToolCut::ConstPtr& m) { queueInput(m); }, nullptr, hints),
+      subscribeChecked<ToolCut>(
+          node_, topics::kToolCut, 1000, [this](const ToolCut::ConstPtr& m) { queueInput(m); }, incidents_),
       node_.subscribe<ToolGrip>(
           topics::kToolGrip, 1000, [this](const ToolGrip::ConstPtr& m) { queueInput(m); }, nullptr, hints),
       node_.subscribe<ToolState>(

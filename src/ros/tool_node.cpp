@@ -12,6 +12,7 @@
 #include "soft_volume/common/error.h"
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/topics.h"
+#include "soft_volume/ros/checked_subscription.h"
 #include "soft_volume/ros/parameters.h"
 
 namespace soft_volume {
@@ -36,13 +37,19 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
   state_publisher_ = node_.advertise<ToolState>(topics::kToolState, 1000);
   servo_publisher_ = node_.advertise<geometry_msgs::WrenchStamped>(topics::kServoForce, 1000);
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-  subscribers_ = {node_.subscribe(topics::kScene, 10, &ToolNode::hearScene, this, hints),
-                  node_.subscribe(topics::kVolume, 10, &ToolNode::hearVolume, this, hints),
-                  node_.subscribe(topics::kTopology, 100, &ToolNode::hearTopology, this, hints),
-                  node_.subscribe(topics::kPatch, 2, &ToolNode::hearPatch, this, hints),
-                  node_.subscribe(topics::kMeasuredPose, 100, &ToolNode::hearPose, this, hints),
-                  node_.subscribe(topics::kMeasuredVelocity, 100, &ToolNode::hearVelocity, this, hints),
-                  node_.subscribe(topics::kButtons, 100, &ToolNode::hearButtons, this, hints)};
+  subscribers_ = {
+      subscribeChecked<Scene>(
+          node_, topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, incidents_),
+      subscribeChecked<Volume>(
+          node_, topics::kVolume, 10, [this](const Volume::ConstPtr& m) { hearVolume(m); }, incidents_),
+      subscribeChecked<GridTopology>(
+          node_, topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, incidents_),
+      subscribeChecked<GridPatch>(
+          node_, topics::kPatch, 2, [this](const GridPatch::ConstPtr& m) { hearPatch(m); }, incidents_),
+      subscribeChecked<sensor_msgs::Joy>(
+          node_, topics::kButtons, 100, [this](const sensor_msgs::Joy::ConstPtr& m) { hearButtons(m); }, incidents_),
+      node_.subscribe(topics::kMeasuredPose, 100, &ToolNode::hearPose, this, hints),
+      node_.subscribe(topics::kMeasuredVelocity, 100, &ToolNode::hearVelocity, this, hints)};
   reset_service_ = node_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
         const std::lock_guard<std::mutex> lock(mutex_);

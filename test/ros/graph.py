@@ -55,7 +55,7 @@ class Node:
     command += ['_%s:=%s' % (key, value) for key, value in parameters.items()]
     with open(self._log, 'w') as log:
       self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT,
-                                      env=dict(os.environ, **(environment or {})))
+                                      env=dict(os.environ, OMP_WAIT_POLICY='passive', **(environment or {})))
 
   def output(self):
     with open(self._log, errors='replace') as log:
@@ -198,8 +198,13 @@ class GraphTest(unittest.TestCase):
     """A publisher that sends before publish() returns, connected to its receivers: nodes, and this test if it listens."""
     publisher = rospy.Publisher(topic, message_type, queue_size=None, tcp_nodelay=True)
     self._publishers.append(publisher)
-    wait_until(lambda: 0 < len(subscribers(topic)) <= publisher.get_num_connections(), 'subscriber of ' + topic)
+    self.wait_for_receivers(publisher, topic)
     return publisher
+
+  @staticmethod
+  def wait_for_receivers(publisher, topic):
+    """The master knows a subscriber before its connection stands."""
+    wait_until(lambda: 0 < len(subscribers(topic)) <= publisher.get_num_connections(), 'subscriber of ' + topic)
 
   def call(self, service, service_type, *arguments):
     rospy.wait_for_service(service, timeout=LIMIT_S)
@@ -215,6 +220,12 @@ class GraphTest(unittest.TestCase):
     """Waits for a warning of a node whose summary holds all `parts`."""
     self.wait_for_status(node, lambda status: is_warning(status) and all(p in status.message for p in parts),
                          'a warning of ' + ', '.join(parts))
+
+  def warned(self, node, *parts):
+    """Whether a warning of a node whose summary holds all `parts` has come."""
+    return any(
+        node in status.name and is_warning(status) and all(p in status.message for p in parts)
+        for array in self._diagnostics.messages for status in array.status)
 
   def wait_for_refusals(self, node, topic, count, reason):
     """Waits until a node has refused so many messages of a topic, has warned of it, and the last reason holds `reason`."""
@@ -261,11 +272,21 @@ class Simulation:
 
   @property
   def revision(self):
+    """The newest that has come: for what waits for another one, waitForRevision()."""
     return self.topologies.messages[-1].revision
+
+  def waitForRevision(self, revision):
+    """Topics are not ordered among each other: the journal of a cut may come before its topology."""
+    self.topologies.wait(lambda t: t.session == self.session and t.revision == revision, 'revision %d' % revision)
 
   def open_inputs(self):
     self._force = self._test.publisher('tool/force', ToolForce)
     self._cut = self._test.publisher('tool/cut', ToolCut)
+
+  def waitForReceivers(self):
+    """Of the inputs, among them those that have come since they were opened."""
+    self._test.wait_for_receivers(self._force, 'tool/force')
+    self._test.wait_for_receivers(self._cut, 'tool/cut')
 
   def step(self, steps):
     """Steps a paused simulation and returns the journal of the end, whose state_hash is that of the state."""

@@ -34,6 +34,7 @@ class RecorderTest(graph.GraphTest):
     simulation.open_inputs()
     for topic in ('simulation/journal', 'grid/state', 'tool/force', 'tool/cut'):
       graph.wait_until(lambda: '/recorder' in self.listeners('/' + topic), 'recorder of ' + topic)
+    simulation.waitForReceivers()
     # The master knows a subscriber before its connections stand.
     recorded = self.status.messages[-1].messages
     simulation.step(1)
@@ -84,8 +85,8 @@ class RecorderTest(graph.GraphTest):
     simulation = self.startSimulation(real_time_factor=1)
     simulation.pause(False)
     simulation.journals.wait(lambda j: j.step > 2500, 'running simulation')
-    self.kill(recorder)
     last = simulation.journals.messages[-1].step
+    self.kill(recorder)
     subprocess.check_call(['rosbag', 'reindex', '-q', '-f', self.bag + '.active'])
     result = self.replay(self.bag + '.active')
     self.assertTrue(result['identical'])

@@ -3,6 +3,7 @@
 
 import copy
 import io
+import struct
 
 import dynamic_reconfigure.client
 import numpy
@@ -123,6 +124,15 @@ class RenderingTest(graph.GraphTest):
     self._since = len(self.stats.messages)
     return self._client.update_configuration(values)
 
+  def statsOfANewRenderer(self):
+    """Its first frames may come before this test hears their statistics, so it is asked for pictures until it does."""
+
+    def look():
+      self.lookAgain()
+      return self.stats.messages
+
+    return graph.wait_until(look, 'render stats of the new renderer')[0]
+
   def nextStats(self, condition=lambda stats: True, camera='top', since=None):
     """The first render stats after the last reconfiguration, or after the first `since`, that meet the condition."""
     old = self._since if since is None else since
@@ -170,16 +180,16 @@ class RenderingTest(graph.GraphTest):
       changed = self.nextStats(lambda s: key + ':' in s.settings and s.image_hash not in hashes)
       hashes.add(changed.image_hash)
     self.assertLess(changed.slices, first.slices)
-    self.assertTrue((pixels(images.messages[-1])[0, 0] == (255, 128, 0)).all())
+    images.wait(lambda i: (pixels(i)[0, 0] == (255, 128, 0)).all(), 'image with the new background')
     for backend in ('gl', 'exact', 'native'):
       self.reconfigure(backend=backend, exact_boundary=False)
       stats = self.nextStats(lambda s: s.backend == backend)
       self.assertEqual(area(stats), 160 * 120)
     # A renderer that starts again has the scene's values: the node writes no parameters.
     self.kill(self.renderer)
-    self._since = len(self.stats.messages)
+    self.stats.clear()
     self.renderer = self.start('renderer_node')
-    again = self.nextStats()
+    again = self.statsOfANewRenderer()
     self.assertEqual((again.image_hash, again.settings), (first.image_hash, ''))
     self.assertEqual(scene.yaml, self.simulation.scenes.messages[-1].yaml)
 
@@ -203,8 +213,7 @@ class RenderingTest(graph.GraphTest):
     command = dict(name='tuned', slices='17', backend='exact', transfer_function='ct_bone', threads='1')
     tuned = graph.Node('renderer_node', command.pop('name'), command, self.folder)
     self._nodes.append(tuned)
-    self.watch()
-    stats = self.stats.wait(what='frame')
+    stats = self.statsOfANewRenderer()
     self.assertEqual(stats.backend, 'exact')
     for text in ('slices: 17', 'shading: 0\n', '[0, 0, 1, 0.05]', 'backend: "exact"', 'rate_hz: 20'):
       self.assertIn(text, stats.settings)
@@ -219,7 +228,7 @@ class RenderingTest(graph.GraphTest):
     self.watch()
     complete = self.stats.wait(what='frame')
     self.reconfigure(progressive=True)
-    self.assertEqual(self.nextStats().image_hash, complete.image_hash)
+    self.assertEqual(self.nextStats(lambda s: 'progressive: true' in s.settings).image_hash, complete.image_hash)
     views = self.publisher('top/view', PoseStamped)
     view = PoseStamped()
     view.pose = copy.deepcopy(complete.pose)
@@ -227,7 +236,7 @@ class RenderingTest(graph.GraphTest):
     first = len(self.stats.messages)
     views.publish(view)
     last = self.nextStats(lambda s: s.pose.position.y == view.pose.position.y and not s.refining, since=first)
-    frames = self.stats.messages[first:]
+    frames = [s for s in self.stats.messages[first:] if s.pose.position.y == view.pose.position.y]
     self.assertEqual([s.coarseness for s in frames], [8, 4, 2, 1])
     self.assertEqual([s.refining for s in frames], [1, 1, 1, 0])
     self.assertEqual([s.slices for s in frames], sorted(s.slices for s in frames))
@@ -260,7 +269,8 @@ class RenderingTest(graph.GraphTest):
     self.assertEqual((image.encoding, image.step, len(image.data)), ('mono16', 2 * 160, 2 * 160 * 120))
     values = numpy.frombuffer(image.data, numpy.uint16).reshape(image.height, image.width)
     depth = depths(self.listen('top/depth', Image).wait(what='depth'))
-    labels.wait(lambda i: i is not image, 'labels beside depth')
+    beside = labels.wait(lambda i: i is not image, 'labels beside depth')
+    self.assertEqual(beside.data, image.data)
     # Labels are there where depth is.
     self.assertEqual(set(numpy.unique(values)), {0, *phantom.LABELS})
     self.assertTrue(((values != 0) == ~numpy.isnan(depth)).mean() > 0.99)
@@ -366,7 +376,7 @@ class RenderingTest(graph.GraphTest):
       views.publish(view)
     self.wait_for_warning('renderer', 'top/view', 'quaternion')
     view = PoseStamped()
-    view.pose = copy.deepcopy(self.stats.messages[-1].pose)
+    view.pose = copy.deepcopy(self.stats.wait(what='render stats').pose)
     view.pose.position.x += 0.02
     views.publish(view)
     stats = self.stats.wait(lambda s: s.pose.position.x == view.pose.position.x, 'picture from the new view')
@@ -440,16 +450,44 @@ class RenderingTest(graph.GraphTest):
     self.stats.wait(lambda s: s.frames_rejected >= 20, 'statistics of the last picture')
     self.assertEqual(self.stats.messages[-1].frames_rejected, 20)
 
+  def testMessagesThatCannotBeReadCostNothing(self):
+    """Cut off, or with the claim of a length that the rest of the message does not have."""
+    before = self.lookAgain()
+    volume = self.listen('volume', Volume).wait(what='volume')
+    state = self.listen('grid/state', GridState).wait(lambda s: s.key_frame, 'key frame')
+    topology = self.simulation.topologies.messages[0]
+    # What stands in front of an array's length, and the length.
+    places = {
+        'volume': (volume, struct.pack('<BI', volume.scalar_type, len(volume.data))),
+        'grid/topology': (topology, struct.pack('<5I', topology.vertex_count, topology.cell_count, 0, 0,
+                                                topology.vertex_count)),
+        'grid/state': (state, struct.pack('<3I', state.vertex_count, 0, state.vertex_count)),
+    }
+    for topic, (good, place) in places.items():
+      content = serialized(good)
+      self.assertEqual(content.count(place), 1, topic)
+      publisher = self.publisher(topic, type(good))
+      for damaged in (content[:-1], content[:10], content.replace(place, place[:-4] + b'\xff\xff\xff\xff')):
+        publisher.publish(unreadable(good, damaged))
+      self.wait_for_refusals('renderer', topic, 3, 'is damaged')
+    self.assertTrue((pixels(before) == pixels(self.lookAgain())).all())
+    # The claims were of 4 GiB.
+    with open('/proc/%d/status' % self.renderer.process.pid) as status:
+      peak_kib = next(int(line.split()[1]) for line in status if line.startswith('VmHWM'))
+    self.assertLess(peak_kib, 1024 * 1024)
+
   def testAStateWithoutItsTopologyIsReported(self):
     before = self.lookAgain()
     good = self.listen('grid/state', GridState).wait(lambda s: s.key_frame, 'key frame')
     states = self.publisher('grid/state', GridState)
-    for changes in (dict(revision=9), dict(session=5)):
+    for changes, reason in ((dict(revision=9), 'revision 9 does not come'), (dict(session=5), 'of session 5')):
       # Topics are not ordered among each other, so the renderer first waits for the topology.
-      states.publish(changed(good, changes))
-      rospy.rostime.wallsleep(1.1)
-      states.publish(changed(good, changes))
-    self.wait_for_warning('renderer', 'grid/state', 'revision 9 does not come')
+      def warned():
+        states.publish(changed(good, changes))
+        rospy.rostime.wallsleep(0.2)
+        return self.warned('renderer', 'grid/state', reason)
+
+      graph.wait_until(warned, 'warning that ' + reason)
     self.assertTrue((pixels(before) == pixels(self.lookAgain())).all())
 
   def refuses(self, topic, good, damages, last_reason):
@@ -461,6 +499,23 @@ class RenderingTest(graph.GraphTest):
 
 def area(stats):
   return stats.updated_width * stats.updated_height
+
+
+def serialized(message):
+  buffer = io.BytesIO()
+  message.serialize(buffer)
+  return buffer.getvalue()
+
+
+def unreadable(message, content):
+  """A message of this type whose bytes on the wire are `content`."""
+
+  class Unreadable(type(message)):
+
+    def serialize(self, buffer):
+      buffer.write(content)
+
+  return Unreadable()
 
 
 def changed(message, changes):

@@ -193,7 +193,7 @@ class LockstepTest(graph.GraphTest):
     self.simulation.push(sequence=10, apply_at_step=10)
     self.simulation.cut(sequence=10, apply_at_step=50)
     self.simulation.step(100)
-    self.assertEqual(self.simulation.revision, 2)
+    self.simulation.waitForRevision(2)
     checkpoint = self.simulation.save()
     saved_session = self.simulation.session
     self.assertEqual((checkpoint.step, checkpoint.revision, checkpoint.session), (100, 2, saved_session))
@@ -255,7 +255,7 @@ class LockstepTest(graph.GraphTest):
     self.simulation.cut(sequence=7, apply_at_step=0)
     self.simulation.push(sequence=8, apply_at_step=500)  # is waiting when the reset comes, and must not come through
     self.assertNotEqual(self.simulation.step(50).state_hash, first)
-    self.assertEqual(self.simulation.revision, 2)
+    self.simulation.waitForRevision(2)
 
     new = self.simulation.reset()
     self.assertNotEqual(new, old)
@@ -315,7 +315,8 @@ class ServicesTest(graph.GraphTest):
     stats.wait(lambda s: s.step > 100, 'progress')
     states = self.listen('grid/state', GridState)
     key_frame = states.wait(lambda s: s.key_frame, 'key frame', limit_s=10)
-    self.assertLess([s.step for s in states.messages].index(key_frame.step), 3)
+    # Among the first ones, however busy the machine; by itself it would be one in 3000.
+    self.assertLess([s.step for s in states.messages].index(key_frame.step), 50)
     self.assertEqual(len(key_frame.positions), phantom.VERTICES)
     self.assertEqual(key_frame.base_step, key_frame.step)
     delta = states.wait(lambda s: s.step > key_frame.step + 50, 'delta')
@@ -335,11 +336,14 @@ class ServicesTest(graph.GraphTest):
     self.assertEqual(states.wait(lambda s: s.key_frame, 'key frame').step, 30)
 
   def testItStopsAfterTheStatedTime(self):
-    node = self.start('simulation_node', scene=phantom.write_scene(self.folder), real_time_factor=0, stop_after_s=0.5)
+    simulation = graph.Simulation(self, stop_after_s=0.5)
     stats = self.listen('simulation/stats', SimulationStats)
-    self.assertEqual(self.finish(node), 0)
-    self.assertIn('the run is complete', node.output())
-    self.assertAlmostEqual(stats.messages[-1].simulation_time, 0.5)
+    stats.wait(what='stats')
+    simulation.pause(False)
+    self.assertEqual(self.finish(simulation.node), 0)
+    self.assertIn('the run is complete', simulation.node.output())
+    stats.wait(lambda s: abs(s.simulation_time - 0.5) < 1e-9, 'stats of the end')
+    self.assertAlmostEqual(max(s.simulation_time for s in stats.messages), 0.5)
 
   def testNumbersOfThreadsAgree(self):
     hashes = []

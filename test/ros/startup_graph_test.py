@@ -11,6 +11,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 from soft_volume.msg import GridState, RenderStats, SimulationStats, ToolForce
+from std_srvs.srv import SetBool
 
 import graph
 import phantom
@@ -156,7 +157,9 @@ class LaunchTest(graph.GraphTest):
 
   def testTheRunEndsByItself(self):
     stats = self.listen('simulation/stats', SimulationStats)
-    self.launch(stop_after_s='0.5', real_time_factor='0')
+    self.launch(stop_after_s='0.5', real_time_factor='0', start_paused='true')
+    stats.wait(what='stats', limit_s=60)
+    self.assertTrue(self.call('simulation/pause', SetBool, False).success)
     stats.wait(lambda s: s.simulation_time >= 0.5 - 1e-9, 'end of the run', limit_s=60)
     self.assertEqual(self.roslaunch.wait(timeout=30), 0)
     self.assertIn('the run is complete', self.output())

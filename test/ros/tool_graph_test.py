@@ -59,13 +59,14 @@ class ScriptedHandTest(ToolTest):
     buttons = self.listen('joy', Joy, keep=100000)
     self.startDevice()
     self.waitForPush()
-    state = grid.wait(lambda s: s.step > self.forces.messages[-1].step, 'state under the push')
+    pushed = self.forces.wait(lambda f: f.force.z < -0.3, 'push of the tissue').step
+    state = grid.wait(lambda s: s.step > pushed and not s.key_frame, 'state under the push')
     # The hand went down and pushes down still: its velocity was never up by more than noise.
     self.assertLess(min(t.twist.linear.z for t in twists.messages), -0.01)
+    graph.wait_until(lambda: len(self.answered()) > 50, 'forces on the tissue and on the device')
     forces = {f.header.stamp: vector(f.force) for f in self.forces.messages}
     servos = {s.header.stamp: vector(s.wrench.force) for s in self.servo.messages}
     both = sorted(set(forces) & set(servos))
-    self.assertGreater(len(both), 50)
     push = numpy.array([0.0, 0.0, -1.0])
     for stamp in both:
       # Newton's third law, and never with the push.
@@ -78,13 +79,17 @@ class ScriptedHandTest(ToolTest):
     self.assertLess(min(moves), -0.001)
     self.assertLess(max(moves), -0.3 * min(moves))
     # What the simulation was told, it applied.
-    self.assertGreater(len(self.simulation.applied()), 50)
+    graph.wait_until(lambda: len(self.simulation.applied()) > 50, 'applied forces')
     self.assertEqual([e.reason for e in self.simulation.refused()], [])
     # One tick per millisecond of simulated time, none lost, in one frame.
     stamps = numpy.array([p.header.stamp.to_nsec() for p in poses.messages])
     self.assertTrue((numpy.diff(stamps) == 1000000).all())
     self.assertEqual({p.header.frame_id for p in poses.messages}, {'volume'})
     self.assertEqual({len(j.buttons) for j in buttons.messages}, {8})
+
+  def answered(self):
+    """Stamps of poses that gave a force on the tissue and on the device."""
+    return {f.header.stamp for f in self.forces.messages} & {s.header.stamp for s in self.servo.messages}
 
   def testADeadDeviceGoesToZeroForceAndTheTissueRecovers(self):
     self.startSimulation()
@@ -97,12 +102,13 @@ class ScriptedHandTest(ToolTest):
     self.assertLess(self.waitForZero(last_pose_s, 20.0), 0.05)
     self.wait_for_warning('tool', 'no pose')
     # It stays at zero, the tissue is told once, and it comes back.
-    end = self.forces.wait(lambda f: not vector(f.force).any(), 'zero force on the tissue')
-    self.assertEqual(self.forces.messages[-1].sequence, end.sequence)
+    end = self.forces.wait(lambda f: f is self.forces.messages[-1] and not vector(f.force).any(),
+                           'zero force on the tissue at the end')
     pushed = max(s.max_displacement for s in stats.messages)
     self.assertGreater(pushed, 0.0005)
     stats.wait(lambda s: s is stats.messages[-1] and s.max_displacement < 0.3 * pushed, 'recovery')
     self.assertFalse(vector(self.servo.messages[-1].wrench.force).any())
+    self.assertEqual(self.forces.messages[-1].sequence, end.sequence)
     # The simulation, which waits for tools that are late, does not wait for one without a device.
     stats.wait(lambda s: s is stats.messages[-1] and s.real_time_factor > 0.08, 'simulation at its speed')
     # A new device starts at zero and ramps in.
@@ -174,8 +180,14 @@ class UnusablePoseTest(ToolTest):
 
   def force(self):
     """Force on the device at the newest time that the tool has answered."""
-    rospy.rostime.wallsleep(0.1)
-    return numpy.linalg.norm(vector(self.servo.messages[-1].wrench.force))
+    newest_s = self.time.to_sec() - 1e-6
+    answer = self.servo.wait(lambda s: s is self.servo.messages[-1] and s.header.stamp.to_sec() >= newest_s,
+                             'answer of the tool')
+    return numpy.linalg.norm(vector(answer.wrench.force))
+
+  def waitForState(self, condition, what):
+    """The tool's state is another topic than its force."""
+    return self.states.wait(lambda s: s is self.states.messages[-1] and condition(s), what)
 
   def assertFalls(self, *reason):
     """The force goes to zero though simulated time stands still, which is the harder case."""
@@ -194,7 +206,7 @@ class UnusablePoseTest(ToolTest):
 
   def testAPoseThatStops(self):
     self.assertFalls('no pose')
-    self.assertTrue(self.states.messages[-1].pose_stale)
+    self.waitForState(lambda s: s.pose_stale, 'stale pose')
     self.assertReturns()
 
   def testAZeroStampIsNoPose(self):
@@ -206,7 +218,7 @@ class UnusablePoseTest(ToolTest):
     self.hold(60, change=lambda pose: setattr(pose.pose.position, 'x', math.nan))
     self.assertEqual(self.force(), 0.0)
     self.wait_for_warning('tool', 'not finite')
-    self.assertTrue(self.states.messages[-1].pose_stale)
+    self.waitForState(lambda s: s.pose_stale, 'stale pose')
     self.assertReturns()
 
   def testAQuaternionOfZeros(self):
@@ -224,8 +236,7 @@ class UnusablePoseTest(ToolTest):
     self.hold(1, z=phantom.TOP_Z_M + 0.05)
     self.hold(60)
     self.assertEqual(self.force(), 0.0)
-    self.assertTrue(self.states.messages[-1].tripped)
-    self.assertIn('speed limit', self.states.messages[-1].trip_reason)
+    self.waitForState(lambda s: s.tripped and 'speed limit' in s.trip_reason, 'trip by the speed limit')
     self.wait_for_warning('tool', 'speed limit')
     self.hold(400)  # it stays at zero until somebody has looked
     self.assertEqual(self.force(), 0.0)

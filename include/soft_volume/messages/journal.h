@@ -14,6 +14,7 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
+#include "soft_volume/messages/checked_stream.h"
 #include "soft_volume/session/session.h"
 
 namespace soft_volume {
@@ -34,8 +35,8 @@ template <typename Message>
 Message fromPayload(std::vector<std::uint8_t> payload) {
   Message message;
   try {
-    ros::serialization::IStream stream(payload.data(), static_cast<std::uint32_t>(payload.size()));
-    ros::serialization::deserialize(stream, message);
+    CheckedStream stream(payload.data(), static_cast<std::uint32_t>(payload.size()));
+    stream.next(message);
     if (stream.getLength() != 0)
       throw core::InputError("bytes are left over");
   } catch (const std::exception& error) {
