@@ -78,7 +78,7 @@ struct Frame {
   std::vector<float> rgba;            ///< width * height * 4, premultiplied with opacity; never NaN
   std::vector<float> depth_m;         ///< along the camera's z (REP-118), NaN where nothing was hit; or empty
   std::vector<std::uint16_t> labels;  ///< at the place of the depth, 0 where nothing was hit; or empty
-  PixelRect updated;                  ///< what was drawn anew; the rest is as in the frame before
+  PixelRect updated;                  ///< all that was drawn anew lies in it; the rest is as before
 
   int slices = 0;             ///< planes drawn
   std::size_t polygons = 0;   ///< drawn; faces in exact
