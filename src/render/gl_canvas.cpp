@@ -21,6 +21,10 @@ constexpr float kOpaque = 0.999F;
 /// Opaque pixels are masked before the first plane of every so many on their ladder: places that do not depend on the
 /// deformation, so that the image changes only where the grid does. More often costs more than it saves.
 constexpr int kPlanesPerMask = 8;
+/// Marks of planes in the 8-bit stencil buffer: from 1, and one that no plane has and that the buffer never holds.
+constexpr GLint kLastMark = 254;
+constexpr GLint kNoPlane = 255;
+constexpr double kEverywhere = std::numeric_limits<double>::infinity();
 
 std::vector<std::array<Vector3f, 2>> textureBoxes(const DrawnGrid& grid) {
   std::vector<std::array<Vector3f, 2>> boxes;
@@ -56,9 +60,9 @@ TransferTable::Entry weighted(const TransferTable::Entry& entry) {
 }
 
 void attach(const GlFunctions& gl, GLenum attachment, const GlTexture& texture, GLint format, GLenum components,
-            int width, int height) {
+            GLenum type, int width, int height) {
   gl.BindTexture(GL_TEXTURE_2D, texture.id());
-  gl.TexImage2D(GL_TEXTURE_2D, 0, format, width, height, 0, components, GL_FLOAT, nullptr);
+  gl.TexImage2D(GL_TEXTURE_2D, 0, format, width, height, 0, components, type, nullptr);
   gl.FramebufferTexture2D(GL_FRAMEBUFFER, attachment, GL_TEXTURE_2D, texture.id(), 0);
 }
 
@@ -101,7 +105,7 @@ struct GlCanvas::Objects {
   GlTexture colour_target;
   GlTexture depth_target;
   GlTexture label_target;
-  GlTexture mask_target;  ///< depth buffer, 0 where a pixel is opaque
+  GlTexture mask_target;  ///< depth, 0 where a pixel is opaque, and stencil, the marks of planes
   GLuint framebuffer = 0;
   GLuint vertex_array = 0;
   GLuint vertex_buffer = 0;
@@ -114,9 +118,14 @@ struct GlCanvas::Objects {
 GlCanvas::GlCanvas(int max_texture_side) {
   const GlContext::Current current(context_);
   objects_ = std::make_unique<Objects>(gl(), max_texture_side);
+  is_software_ = context_.isSoftware();
 }
 
 GlCanvas::~GlCanvas() {
+  if (glHasEnded()) {
+    keepBeyondGl(std::move(objects_));
+    return;
+  }
   const GlContext::Current current(context_);
   objects_.reset();
 }
@@ -187,15 +196,16 @@ void GlCanvas::resize(int width, int height, bool depth) {
     return;
   o.width = 0;  // in case that something throws
   gl().ActiveTexture(GL_TEXTURE0 + kAccumulatedUnit);
-  attach(gl(), GL_COLOR_ATTACHMENT0, o.colour_target, GL_RGBA32F, GL_RGBA, width, height);
+  attach(gl(), GL_COLOR_ATTACHMENT0, o.colour_target, GL_RGBA32F, GL_RGBA, GL_FLOAT, width, height);
   for (const auto& [attachment, texture] : {std::pair(GL_COLOR_ATTACHMENT1, &o.depth_target),  //
                                             std::pair(GL_COLOR_ATTACHMENT2, &o.label_target)}) {
     if (depth)
-      attach(gl(), GLenum(attachment), *texture, GL_R32F, GL_RED, width, height);
+      attach(gl(), GLenum(attachment), *texture, GL_R32F, GL_RED, GL_FLOAT, width, height);
     else  // one of another size would cut off the picture
       gl().FramebufferTexture2D(GL_FRAMEBUFFER, GLenum(attachment), GL_TEXTURE_2D, 0, 0);
   }
-  attach(gl(), GL_DEPTH_ATTACHMENT, o.mask_target, GL_DEPTH_COMPONENT24, GL_DEPTH_COMPONENT, width, height);
+  attach(gl(), GL_DEPTH_STENCIL_ATTACHMENT, o.mask_target, GL_DEPTH24_STENCIL8, GL_DEPTH_STENCIL, GL_UNSIGNED_INT_24_8,
+         width, height);
   if (gl().CheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE)
     throw Error("the OpenGL driver has no float32 render target of " + std::to_string(width) + " x " +
                 std::to_string(height) + " pixels");
@@ -225,7 +235,11 @@ void GlCanvas::prepareTargets() const {
   if (variant_.labels)
     gl().ClearBufferfv(GL_COLOR, 2, zero.data());
   const float not_opaque = 1.0F;
-  gl().Enable(GL_DEPTH_TEST);
+  const GLint not_hit = 0;
+  gl().Disable(GL_STENCIL_TEST);
+  if (job_->options.adaptive)
+    gl().ClearBufferiv(GL_STENCIL, 0, &not_hit);
+  gl().Disable(GL_DEPTH_TEST);  // until pixels are masked
   gl().DepthFunc(GL_LESS);
   gl().DepthMask(GL_TRUE);
   gl().ClearBufferfv(GL_DEPTH, 0, &not_opaque);
@@ -248,27 +262,76 @@ void GlCanvas::begin(const DrawJob& job) {
   slices_ = 0;
   program_ = nullptr;
   mask_block_.reset();
+  mark_ = kNoPlane;
+  back_m_ = 0.0;
   if (job.rect.empty())
     return;
   variant_ = variantOf(job);
+  first_masked_rung_ = firstMaskedRung();
   const GlContext::Current current(context_);
   resize(job.camera.width, job.camera.height, variant_.depth);
   prepareTargets();
   bindTextures();
-  buffers_.begin(job, variant_, *table_, threadsFor(job.options.threads));
+  buffers_.begin(job, variant_, *table_, slicingThreads(job.options.threads));
 }
 
 void GlCanvas::draw(const SliceMesh& mesh) {
   polygons_ += mesh.polygons.size();
   slices_ += int(mesh.slices.size());
-  if (job_->rect.empty() || mesh.polygons.empty())
+  if (job_->rect.empty())
     return;
   const GlContext::Current current(context_);
   buffers_.build(mesh, objects_->volume.brickOfCell());
   upload();
-  for (std::size_t i = 0; i < mesh.slices.size(); ++i) {
-    if (!buffers_.batches()[i].empty())
-      drawSlice(mesh.slices[i], buffers_.batches()[i]);
+  for (std::size_t first = 0, plane = 0; first < mesh.slices.size(); first = plane + 1) {
+    plane = first;
+    while (plane < mesh.slices.size() && mesh.slices[plane].extra)
+      ++plane;
+    const double border_m = plane < mesh.slices.size() ? double(mesh.slices[plane].front_m) : back_m_;
+    drawExtras(mesh, first, plane, {-kEverywhere, border_m});
+    if (plane < mesh.slices.size())
+      drawPlane(mesh, plane);
+    else
+      mark_ = kNoPlane;
+    drawExtras(mesh, first, plane, {border_m, kEverywhere});
+  }
+}
+
+void GlCanvas::drawPlane(const SliceMesh& mesh, std::size_t number) {
+  const Slice& slice = mesh.slices[number];
+  back_m_ = double(slice.back_m);
+  maskWhereDue(slice);
+  if (job_->options.adaptive) {
+    takeNextMark();
+    setStencil(GL_ALWAYS, GL_REPLACE);
+  }
+  drawSlice(slice, slabOf(slice), buffers_.batches()[number]);
+}
+
+void GlCanvas::takeNextMark() {
+  mark_ = mark_ < kLastMark ? mark_ + 1 : 1;
+  const GLint not_hit = 0;
+  if (mark_ == 1)
+    gl().ClearBufferiv(GL_STENCIL, 0, &not_hit);
+}
+
+void GlCanvas::setStencil(GLenum function, GLenum write) const {
+  gl().Enable(GL_STENCIL_TEST);
+  gl().StencilFunc(function, mark_, 0xFF);
+  gl().StencilOp(GL_KEEP, GL_KEEP, write);
+}
+
+/// Slices [begin, end), as far as their slabs lie in `part_m`, where the last plane was not hit.
+void GlCanvas::drawExtras(const SliceMesh& mesh, std::size_t begin, std::size_t end,
+                          const std::array<double, 2>& part_m) {
+  if (begin < end)
+    setStencil(GL_NOTEQUAL, GL_KEEP);
+  for (std::size_t i = begin; i < end; ++i) {
+    const Slice& slice = mesh.slices[i];
+    const std::array<double, 2> slab_m = slabOf(slice);
+    drawSlice(slice,
+              {std::max(slab_m[0], part_m[0] - double(slice.z_m)), std::min(slab_m[1], part_m[1] - double(slice.z_m))},
+              buffers_.batches()[i]);
   }
 }
 
@@ -350,6 +413,8 @@ void GlCanvas::setFrameUniforms(const GlProgram& program) const {
 void GlCanvas::setSlice(const GlProgram& program, const Slice& slice, const std::array<double, 2>& slab_m,
                         double level) const {
   gl().Uniform2f(program["slab"], float(slab_m[0]), float(slab_m[1]));
+  gl().Uniform1f(program["spacing"],
+                 float(slice.extra ? job_->planes.distance_m : double(slice.back_m) - double(slice.front_m)));
   gl().Uniform1f(program["slice_z"], slice.z_m);
   gl().Uniform1f(program["normal_step"], float(step_m_ * std::exp2(level)));
   if (variant_.clipped)
@@ -372,11 +437,10 @@ void GlCanvas::setClipPlanes(const GlProgram& program, double slice_z_m) const {
   gl().Uniform1i(program["clip_count"], int(job_->options.clip_planes.size()));
 }
 
-void GlCanvas::drawSlice(const Slice& slice, const std::vector<SliceBuffers::Batch>& batches) {
-  const std::array<double, 2> slab_m = slabOf(slice);
-  if (!variant_.cross_section && !(slab_m[0] < slab_m[1]))
+void GlCanvas::drawSlice(const Slice& slice, const std::array<double, 2>& slab_m,
+                         const std::vector<SliceBuffers::Batch>& batches) {
+  if (batches.empty() || (!variant_.cross_section && !(slab_m[0] < slab_m[1])))
     return;
-  maskWhereDue(slice);
   const double level = levelOf(slice);
   const GlProgram& program = useProgram(level);
   setSlice(program, slice, slab_m, level);
@@ -391,17 +455,33 @@ void GlCanvas::drawSlice(const Slice& slice, const std::vector<SliceBuffers::Bat
 }
 
 void GlCanvas::maskWhereDue(const Slice& slice) {
-  const SlicePlanes& planes = job_->planes;
-  const double number = std::round((double(slice.z_m) - planes.anchor_m) / planes.distance_m - 0.5);
-  const double block = std::floor(number / kPlanesPerMask);
-  if (mask_block_ == block)
+  const double rung = rungOf(job_->planes, slice);
+  const double block = std::floor(rung / kPlanesPerMask);
+  if (rung < first_masked_rung_ || mask_block_ == block)
     return;
   mask_block_ = block;
   maskOpaquePixels();
 }
 
+/// The first one that a ray from the grid's front at rest can reach opaque, where the way is longest and the transfer
+/// function densest.
+double GlCanvas::firstMaskedRung() const {
+  const auto less = [](const TransferTable::Entry& a, const TransferTable::Entry& b) { return a[3] < b[3]; };
+  const double absorption = double((*std::max_element(table_->entries().begin(), table_->entries().end(), less))[3]);
+  const Camera& camera = job_->camera;
+  double lengthening = 1.0;
+  if (camera.projection == Projection::kPerspective) {
+    const double x = std::max(std::abs(camera.cx), std::abs(camera.width - camera.cx)) / camera.fx;
+    const double y = std::max(std::abs(camera.cy), std::abs(camera.height - camera.cy)) / camera.fy;
+    lengthening = std::sqrt(1.0 + x * x + y * y);
+  }
+  return -std::log2(1.0 - double(kOpaque)) / (absorption * job_->planes.distance_m * lengthening);
+}
+
 void GlCanvas::maskOpaquePixels() const {
   gl().TextureBarrier();  // the mask reads what the slices before have left
+  gl().Disable(GL_STENCIL_TEST);
+  gl().Enable(GL_DEPTH_TEST);
   objects_->mask.use();
   gl().ColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   gl().DepthMask(GL_TRUE);
@@ -471,6 +551,10 @@ void GlCanvas::readLabels(Frame& frame) const {
     for (int x = rect.begin_x; x < rect.end_x; ++x, ++next)
       frame.labels[std::size_t(y) * std::size_t(frame.width) + std::size_t(x)] = std::uint16_t(*next);
   }
+}
+
+int GlCanvas::slicingThreads(int wanted) const {
+  return is_software_ ? 1 : threadsFor(wanted);
 }
 
 std::string GlCanvas::driver() const {

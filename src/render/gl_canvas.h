@@ -23,6 +23,11 @@ namespace soft_volume::core {
 /// ray enters the slab to where it leaves it, by its derivative along the ray. Each pixel's slab ends at the clip
 /// planes and at near and far. The images of a rectangle are the same bits as those of the whole.
 ///
+/// The planes' slabs fill the depth. With adaptive slicing an extra plane lies between two of them, and its slab in
+/// theirs: it is drawn only in pixels that they do not hit, the part that belongs to the front one where that does not,
+/// the rest where the back one does not. So no ray takes any depth twice. The stencil buffer holds the mark of the
+/// plane that hit each pixel last.
+///
 /// Textures seen from so far that a pixel is wider than a voxel are looked up in a mipmap of the scalars, at the level
 /// that fits the slice's depth and the mean shape of the voxels in the grid at rest.
 ///
@@ -47,6 +52,9 @@ class GlCanvas : public Canvas {
   void draw(const SliceMesh& mesh) override;
   void finish(Frame& frame) override;
   std::string driver() const override;
+  /// One where the driver's own threads draw what was sliced before: those of OpenMP, which wait for their next work in
+  /// a loop, would take the cores away from them.
+  int slicingThreads(int wanted) const override;
 
  private:
   struct Objects;
@@ -64,8 +72,14 @@ class GlCanvas : public Canvas {
 
   void upload() const;
   std::array<double, 2> slabOf(const Slice& slice) const;
+  double firstMaskedRung() const;
+  void drawPlane(const SliceMesh& mesh, std::size_t number);
+  void drawExtras(const SliceMesh& mesh, std::size_t begin, std::size_t end, const std::array<double, 2>& part_m);
+  void takeNextMark();
+  void setStencil(GLenum function, GLenum write) const;
   double levelOf(const Slice& slice) const;
-  void drawSlice(const Slice& slice, const std::vector<SliceBuffers::Batch>& batches);
+  void drawSlice(const Slice& slice, const std::array<double, 2>& slab_m,
+                 const std::vector<SliceBuffers::Batch>& batches);
   void maskWhereDue(const Slice& slice);
   void maskOpaquePixels() const;
 
@@ -76,6 +90,7 @@ class GlCanvas : public Canvas {
 
   mutable GlContext context_;
   std::unique_ptr<Objects> objects_;
+  bool is_software_ = false;
   const DrawnGrid* grid_ = nullptr;
   SliceBuffers buffers_;
   std::optional<TransferTable> table_;
@@ -88,7 +103,10 @@ class GlCanvas : public Canvas {
   std::optional<DrawJob> job_;
   GlVariant variant_;
   const GlProgram* program_ = nullptr;  ///< in use, with the job's uniforms
+  double first_masked_rung_ = 0.0;      ///< opaque pixels are not looked for before it
   std::optional<double> mask_block_;    ///< where on the ladder of planes opaque pixels were masked last
+  GLint mark_ = 0;                      ///< of the last plane that is no extra one
+  double back_m_ = 0.0;                 ///< where its slab ends
   std::size_t polygons_ = 0;
   int slices_ = 0;
 };

@@ -3,6 +3,8 @@
 #include <GL/glcorearb.h>
 
 #include <memory>
+#include <utility>
+#include <vector>
 
 #include "gl_maker.h"
 
@@ -23,6 +25,7 @@ namespace soft_volume::core {
   X(BUFFERDATA, BufferData)                             \
   X(CHECKFRAMEBUFFERSTATUS, CheckFramebufferStatus)     \
   X(CLEARBUFFERFV, ClearBufferfv)                       \
+  X(CLEARBUFFERIV, ClearBufferiv)                       \
   X(COLORMASK, ColorMask)                               \
   X(COMPILESHADER, CompileShader)                       \
   X(CREATEPROGRAM, CreateProgram)                       \
@@ -62,6 +65,8 @@ namespace soft_volume::core {
   X(SAMPLERPARAMETERI, SamplerParameteri)               \
   X(SCISSOR, Scissor)                                   \
   X(SHADERSOURCE, ShaderSource)                         \
+  X(STENCILFUNC, StencilFunc)                           \
+  X(STENCILOP, StencilOp)                               \
   X(TEXIMAGE1D, TexImage1D)                             \
   X(TEXIMAGE2D, TexImage2D)                             \
   X(TEXIMAGE3D, TexImage3D)                             \
@@ -82,6 +87,17 @@ struct GlFunctions {
   SOFT_VOLUME_GL_FUNCTIONS(SOFT_VOLUME_GL_MEMBER)
 #undef SOFT_VOLUME_GL_MEMBER
 };
+
+/// True once exit() has called what the drivers registered when the first context was made: they must not be called
+/// any more.
+bool glHasEnded();
+
+/// Keeps, to the end of the process, what was made in a context and cannot be destroyed any more.
+template <typename Object>
+void keepBeyondGl(std::unique_ptr<Object> object) {
+  static auto* const kKept = new std::vector<std::unique_ptr<Object>>;
+  kKept->push_back(std::move(object));
+}
 
 /// A context with its functions. Used from one thread at a time: it is current only while a Current exists, so calls
 /// may come from different threads one after the other.
@@ -104,6 +120,8 @@ class GlContext {
   };
 
   const GlFunctions& gl() const { return gl_; }
+  /// llvmpipe and the like, whose threads need the processor's cores. Needs the context current.
+  bool isSoftware() const;
   const char* makerName() const { return maker_->name(); }
 
  private:

@@ -68,6 +68,7 @@ uniform vec4 low_end;          // the table's first and last entry, colours time
 uniform vec4 high_end;
 uniform vec4 pinhole;          // cx, cy, 1 / fx, 1 / fy
 uniform vec2 slab;             // from and to, metres of depth behind the slice
+uniform float spacing;         // of the planes
 uniform float slice_z;
 uniform vec4 light;            // towards it, camera frame, unit length; and its strength
 uniform vec4 highlight;        // half way between light and viewer; and its strength
@@ -109,7 +110,11 @@ in vec4 classified;
 #endif
 
 // Which entry of the table a value has; less than 0 and more than the last outside the table, which repeats its ends.
+#ifdef BEYOND
 float entryOf(float value) { return clamp((value - table_map.x) * table_map.y, -1e9, 1e9); }
+#else
+float entryOf(float value) { return (value - table_map.x) * table_map.y; }
+#endif
 
 vec4 materialOf(float value) {
   return texelFetch(table, int(clamp(entryOf(value), 0.0, float(textureSize(table, 0) - 1)) + 0.5), 0);
@@ -206,7 +211,7 @@ void main() {
   float from = slab.x;
   float to = slab.y;
 #ifdef JITTER
-  float shift = jitter() * (to - from);
+  float shift = jitter() * spacing;
   from += shift;
   to += shift;
 #endif

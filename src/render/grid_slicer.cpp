@@ -386,16 +386,26 @@ void GridSlicer::Impl::listPlanes() {
   }
 }
 
-/// Planes reach halfway to their neighbours; those at the ends have one more at the usual distance.
+/// Planes reach halfway to their neighbours. Extra ones before or behind all others reach to where the slabs of those
+/// end, as the grid at rest does, and beyond that no farther than to their other side.
 void GridSlicer::Impl::setExtents() {
   const auto between = [](double a, double b) { return float(0.5 * (a + b)); };
   const double before_all_m = planes_.depth(-1);
   const double behind_all_m = planes_.depth(planes_.count);
+  const float begin_m = float(planes_.depth(-0.5));
+  const float end_m = float(planes_.depth(planes_.count - 0.5));
+  const auto rounding_m = float(0.5 * planes_.distance_m / ExtraPlanes::kPlaces);
   for (std::size_t i = 0; i < grid.planes.size(); ++i) {
     CutPlane& plane = grid.planes[i];
     if (plane.extra) {
       plane.front_m = between(i > 0 ? double(grid.planes[i - 1].z_m) : before_all_m, plane.z_m);
       plane.back_m = between(plane.z_m, i + 1 < grid.planes.size() ? double(grid.planes[i + 1].z_m) : behind_all_m);
+      if (i == 0 && planes_.count > 0)
+        plane.front_m =
+            plane.z_m > begin_m - rounding_m ? std::min(begin_m, plane.z_m) : plane.z_m - (plane.back_m - plane.z_m);
+      if (i + 1 == grid.planes.size() && planes_.count > 0)
+        plane.back_m =
+            plane.z_m < end_m + rounding_m ? std::max(end_m, plane.z_m) : plane.z_m + (plane.z_m - plane.front_m);
     } else {
       plane.front_m = float(planes_.depth(plane.number - 0.5));
       plane.back_m = float(planes_.depth(plane.number + 0.5));
@@ -532,6 +542,10 @@ void GridSlicer::bucket(const Camera& camera, const SlicePlanes& planes, const s
 
 int GridSlicer::planeCount() const {
   return int(impl_->grid.planes.size());
+}
+
+bool GridSlicer::isExtra(int plane) const {
+  return impl_->grid.planes[std::size_t(plane)].extra;
 }
 
 const std::vector<float>& GridSlicer::extraPlanes() const {

@@ -93,13 +93,14 @@ class Ears {
 
 }  // namespace
 
-void triangulate(const SliceMesh& mesh, const SlicePolygon& polygon, std::uint32_t* triangles) {
+void triangulate(const SliceMesh& mesh, const SlicePolygon& polygon, std::uint32_t tip, std::uint32_t* triangles) {
   const Corners corners(mesh, polygon);
   if (corners.size() == 3 || isConvex(corners)) {
+    const auto place = [&](std::uint32_t i) { return i < corners.size() ? i : i - corners.size(); };
     for (std::uint32_t i = 2; i < corners.size(); ++i) {
-      *triangles++ = 0;
-      *triangles++ = i - 1;
-      *triangles++ = i;
+      *triangles++ = tip;
+      *triangles++ = place(tip + i - 1);
+      *triangles++ = place(tip + i);
     }
     return;
   }

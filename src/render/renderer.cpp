@@ -30,7 +30,8 @@ constexpr int kMaxSliceFactor = 4;
 /// Times its diagonal at rest that a grid may grow. Beyond that it has exploded, and its cells, each as large as the
 /// image, would take minutes to draw.
 constexpr double kMaxGrowth = 10.0;
-/// Planes that are cut at a time, so that the polygons of a large grid need little memory.
+/// Planes that are cut at a time, so that the polygons of a large grid need little memory; more when the last one would
+/// be an extra one.
 constexpr int kPlanesPerMesh = 32;
 /// Pixels around a changed cell that may change with it: rounding, and the neighbours that normals are made of.
 constexpr int kDirtyMargin = 2;
@@ -332,7 +333,7 @@ class Renderer::Impl {
   /// Planes at distances that only the grid at rest decides, unless that is out of sight; leaves the slicer with the
   /// deformed grid.
   View choosePlanes(const Camera& camera, const std::vector<Vector3f>& positions, const RenderOptions& options) {
-    const int threads = threadsFor(options.threads);
+    const int threads = threadsOf(options);
     if (!last_ || !equal(last_->camera, camera) || !rest_range_) {
       slicer_.transform(camera, grid_.rest_positions, threads);
       rest_range_ = slicer_.depthRange(camera);
@@ -348,6 +349,10 @@ class Renderer::Impl {
     const int wanted = options.step_m > 0.0 ? kMaxPlanes : kMaxSliceFactor * options.slices;
     const SlicePlanes planes = planesThrough(deformed, rest[0], distance_m, wanted);
     return {planes, planes.count < wanted};
+  }
+
+  int threadsOf(const RenderOptions& options) const {
+    return canvas_ ? canvas_->slicingThreads(options.threads) : threadsFor(options.threads);
   }
 
   /// True when pixels in which nothing moved may have other planes than in the last frame: those of another ladder, or
@@ -454,7 +459,7 @@ class Renderer::Impl {
 
   void drawSlices(const Camera& camera, const RenderOptions& options, const View& view, PixelRect rect,
                   bool cross_section = false) {
-    const int threads = threadsFor(options.threads);
+    const int threads = threadsOf(options);
     const std::vector<std::uint8_t>& skipped = cross_section ? empty_ : skippedWith(options);
     Stopwatch watch;
     if (rect.empty() || view.planes.count == 0) {
@@ -475,8 +480,11 @@ class Renderer::Impl {
     frame_.bucket_ms = watch.lap();
     canvas_->begin(jobFor(camera, options, rect, view.planes, cross_section));
     frame_.render_ms += watch.lap();
-    for (int plane = 0; plane < slicer_.planeCount(); plane += kPlanesPerMesh) {
-      slicer_.slice(plane, std::min(plane + kPlanesPerMesh, slicer_.planeCount()), threads, mesh_);
+    for (int plane = 0, end = 0; plane < slicer_.planeCount(); plane = end) {
+      end = std::min(plane + kPlanesPerMesh, slicer_.planeCount());
+      while (end < slicer_.planeCount() && slicer_.isExtra(end - 1))
+        ++end;
+      slicer_.slice(plane, end, threads, mesh_);
       frame_.slice_ms += watch.lap();
       canvas_->draw(mesh_);
       frame_.render_ms += watch.lap();
@@ -515,18 +523,18 @@ class Renderer::Impl {
   }
 
   void storeSlices() {
-    slicer_.transform(last_->camera, last_->positions, threadsFor(last_->options.threads));
+    slicer_.transform(last_->camera, last_->positions, threadsOf(last_->options));
     slicer_.bucket(last_->camera, last_->view.planes, skippedWith(last_->options), wholeImage(last_->camera),
                    last_->options.adaptive);
     stored_.emplace();
-    slicer_.slice(0, slicer_.planeCount(), threadsFor(last_->options.threads), *stored_);
+    slicer_.slice(0, slicer_.planeCount(), threadsOf(last_->options), *stored_);
   }
 
   /// The stored slices as another camera sees them. Their planes get the depths at which its axis meets them.
   SliceMesh seenFrom(const Camera& camera) const {
     SliceMesh mesh = *stored_;
     const Pose T_camera_volume = camera.T_volume_camera.inverse();
-    parallelFor(std::ptrdiff_t(mesh.vertices.size()), threadsFor(last_->options.threads), [&](std::ptrdiff_t i) {
+    parallelFor(std::ptrdiff_t(mesh.vertices.size()), threadsOf(last_->options), [&](std::ptrdiff_t i) {
       SliceVertex& vertex = mesh.vertices[std::size_t(i)];
       const Vector3 a = last_->positions[vertex.a].cast<double>();
       const Vector3 b = last_->positions[vertex.b].cast<double>();

@@ -1,6 +1,7 @@
 #include "slice_buffers.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numeric>
 
@@ -33,6 +34,7 @@ Matrix3 SliceBuffers::meanTextureMap() const {
 
 void SliceBuffers::begin(const DrawJob& job, const GlVariant& variant, const TransferTable& table, int threads) {
   variant_ = variant;
+  planes_ = job.planes;
   threads_ = threads;
   const std::vector<int> sizes = attributeSizes(variant);
   stride_ = std::size_t(std::accumulate(sizes.begin(), sizes.end(), 0));
@@ -170,16 +172,22 @@ void SliceBuffers::buildBatches(const SliceMesh& mesh, const std::vector<std::ui
 }
 
 void SliceBuffers::buildTriangles(const SliceMesh& mesh) {
-  const bool shared = grid_->cell_scalars.empty();
-  parallelFor(std::ptrdiff_t(mesh.polygons.size()), threads_, [&](std::ptrdiff_t i) {
-    const SlicePolygon& polygon = mesh.polygons[std::size_t(i)];
-    std::uint32_t* triangles = &indices_[first_index_[std::size_t(i)]];
-    triangulate(mesh, polygon, triangles);
-    for (std::size_t k = 0; k < 3 * std::size_t(polygon.size - 2); ++k) {
-      const std::uint32_t corner = polygon.first + triangles[k];
-      triangles[k] = shared ? mesh.corners[corner] : corner;
-    }
+  parallelFor(std::ptrdiff_t(mesh.slices.size()), threads_, [&](std::ptrdiff_t i) {
+    const Slice& slice = mesh.slices[std::size_t(i)];
+    const auto tip = std::uint32_t(std::fmod(std::abs(rungOf(planes_, slice)), 2.0));
+    for (std::uint32_t polygon = slice.first_polygon; polygon < slice.first_polygon + slice.polygon_count; ++polygon)
+      buildTriangles(mesh, mesh.polygons[polygon], tip, &indices_[first_index_[polygon]]);
   });
+}
+
+void SliceBuffers::buildTriangles(const SliceMesh& mesh, const SlicePolygon& polygon, std::uint32_t tip,
+                                  std::uint32_t* triangles) const {
+  const bool shared = grid_->cell_scalars.empty();
+  triangulate(mesh, polygon, tip, triangles);
+  for (std::size_t k = 0; k < 3 * std::size_t(polygon.size - 2); ++k) {
+    const std::uint32_t corner = polygon.first + triangles[k];
+    triangles[k] = shared ? mesh.corners[corner] : corner;
+  }
 }
 
 }  // namespace soft_volume::core

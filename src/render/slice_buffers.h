@@ -13,6 +13,9 @@ namespace soft_volume::core {
 
 /// Turns slices into what OpenGL draws: vertices with the attributes that a variant of the shaders wants, and
 /// triangles. Knows no OpenGL.
+///
+/// Triangles interpolate linearly what is bilinear in a polygon of four corners. With the other diagonal the difference
+/// has the other sign, so that planes take them by turns: along a ray the differences cancel.
 class SliceBuffers {
  public:
   /// The triangles of one slice in one brick of the volume.
@@ -48,10 +51,13 @@ class SliceBuffers {
   void buildCellVertices(const SliceMesh& mesh);
   void buildBatches(const SliceMesh& mesh, const std::vector<std::uint32_t>& brick_of_cell);
   void buildTriangles(const SliceMesh& mesh);
+  void buildTriangles(const SliceMesh& mesh, const SlicePolygon& polygon, std::uint32_t tip,
+                      std::uint32_t* triangles) const;
 
   const DrawnGrid* grid_ = nullptr;
   VertexGradients gradients_;
   GlVariant variant_;
+  SlicePlanes planes_;
   int threads_ = 1;
   std::size_t stride_ = 0;         ///< floats per entry of attributes_
   std::vector<float> attributes_;  ///< per vertex of the grid, or per cell where the cells have the scalars

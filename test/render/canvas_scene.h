@@ -90,8 +90,11 @@ class CanvasScene {
     slicer_.bucket(camera, planes, skip_, rect, options.adaptive, threads);
     const DrawJob job{camera, options, slicer_.positions(), skip_, rect, planes, false};
     canvas_->begin(job);
-    for (int plane = 0; plane < slicer_.planeCount(); plane += run) {
-      slicer_.slice(plane, std::min(plane + run, slicer_.planeCount()), threads, mesh_);
+    for (int plane = 0, end = 0; plane < slicer_.planeCount(); plane = end) {
+      end = std::min(plane + run, slicer_.planeCount());
+      while (end < slicer_.planeCount() && slicer_.isExtra(end - 1))
+        ++end;
+      slicer_.slice(plane, end, threads, mesh_);
       canvas_->draw(mesh_);
     }
     canvas_->finish(frame);

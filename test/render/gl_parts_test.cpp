@@ -160,7 +160,7 @@ TEST(PolygonTriangles, TrianglesTileThePolygon) {
     for (std::uint32_t i = 2; i < std::uint32_t(size); ++i)
       polygon += areaOf(mesh, 0, i - 1, i);
     std::vector<std::uint32_t> triangles(3 * std::size_t(size - 2));
-    triangulate(mesh, mesh.polygons[0], triangles.data());
+    triangulate(mesh, mesh.polygons[0], std::uint32_t(trial % 3), triangles.data());
     // Triangles that all turn the same way and have the polygon's area in sum cover it once.
     double sum = 0.0;
     for (std::size_t i = 0; i < triangles.size(); i += 3)
@@ -169,10 +169,19 @@ TEST(PolygonTriangles, TrianglesTileThePolygon) {
   }
 }
 
+TEST(PolygonTriangles, TrianglesOfConvexLoopsMeetAtTheTip) {
+  const SliceMesh mesh = polygonMesh({{0, 0}, {4, 0}, {5, 3}, {2, 5}, {-1, 3}});
+  for (std::uint32_t tip = 0; tip < 5; ++tip) {
+    std::vector<std::uint32_t> triangles(9, 99);
+    triangulate(mesh, mesh.polygons[0], tip, triangles.data());
+    EXPECT_EQ(std::count(triangles.begin(), triangles.end(), tip), 3) << "tip " << tip;
+  }
+}
+
 TEST(PolygonTriangles, LoopsThatCrossThemselvesStayWithinTheirCorners) {
   const SliceMesh mesh = polygonMesh({{0, 0}, {4, 4}, {4, 0}, {0, 4}, {2, -3}});
   std::vector<std::uint32_t> triangles(9, 99);
-  triangulate(mesh, mesh.polygons[0], triangles.data());
+  triangulate(mesh, mesh.polygons[0], 0, triangles.data());
   for (const std::uint32_t corner : triangles)
     EXPECT_LT(corner, 5U);
 }

@@ -608,8 +608,9 @@ TEST(GridSlicer, ExtraPlanesCutWhatNoOtherPlaneCuts) {
     std::size_t normal = 0;
     for (std::size_t i = 0; i < mesh.slices.size(); ++i) {
       const Slice& slice = mesh.slices[i];
-      EXPECT_LT(slice.front_m, slice.z_m);
-      EXPECT_LT(slice.z_m, slice.back_m);
+      EXPECT_LE(slice.front_m, slice.z_m);
+      EXPECT_LE(slice.z_m, slice.back_m);
+      EXPECT_LT(slice.front_m, slice.back_m);
       if (i > 0) {
         EXPECT_LT(mesh.slices[i - 1].z_m, slice.z_m);
       }
@@ -702,6 +703,23 @@ TEST(GridSlicer, NothingIsCutBeforeNearAndBehindFar) {
   EXPECT_GT(slicer.depthRange(camera)[0], slicer.depthRange(camera)[1]);
   slicer.bucket(camera, planesThrough(slicer.depthRange(camera), 0.0, 0.7, 100), {}, kEverywhere, true);
   EXPECT_EQ(slicer.planeCount(), 0);
+}
+
+TEST(GridSlicer, ExtraPlanesAtTheEndsStayWithinTheSlabsOfTheOthers) {
+  const Camera camera = identityCamera(Projection::kParallel);
+  CellGrid grid =
+      makeCells(kOrigin, {1, 1, 12}, [](CellGrid& g, int, int, int, const Corners& c) { addHexahedron(g, c); });
+  for (Vector3f& p : grid.points)
+    p.z() = 2.0F + 0.1F * (p.z() - kOrigin.z());
+  GridSlicer slicer = slicerOf(grid, camera, grid.points);
+  const auto range = slicer.depthRange(camera);
+  slicer.bucket(camera, planesThrough(range, range[0], (range[1] - range[0]) / 3.0, 100), {}, kEverywhere, true);
+  SliceMesh mesh;
+  slicer.slice(0, slicer.planeCount(), 1, mesh);
+  EXPECT_TRUE(mesh.slices.front().extra);
+  EXPECT_TRUE(mesh.slices.back().extra);
+  EXPECT_FLOAT_EQ(mesh.slices.front().front_m, float(range[0]));
+  EXPECT_FLOAT_EQ(mesh.slices.back().back_m, float(range[1]));
 }
 
 TEST(GridSlicer, GridBetweenTwoPlanesIsCutByExtraOnes) {

@@ -120,6 +120,65 @@ TEST_P(NativeAgainstExact, ErrorsAreSmallAndFallWithMoreSlices) {
   }
 }
 
+/// A bent grid whose cells get finer and finer towards three of its faces, with a scalar that goes smoothly across
+/// them.
+IrregularGrid makeGradedGrid(CubeParts parts) {
+  IrregularGrid grid = makeWarpedGrid(parts, 20, 0.0F, kSeed);
+  const Box3 box = boundsOf(grid.points);
+  for (std::size_t i = 0; i < grid.points.size(); ++i) {
+    const Vector3 part = (grid.points[i].cast<double>() - box.min()).cwiseQuotient(box.sizes());
+    const Vector3 graded = part.cwiseProduct(part);
+    const Vector3 bend(0.0, 0.15 * graded.x() * graded.x(), 0.1 * graded.x() * graded.y());
+    grid.points[i] = (box.min() + (graded + bend).cwiseProduct(box.sizes())).cast<float>();
+    grid.point_scalars[i] = float(0.5 + 0.5 * std::sin(4.0 * graded.x() + 3.0 * graded.z()));
+  }
+  return grid;
+}
+
+struct AdaptiveErrors {
+  double plain, adaptive, native;
+};
+
+/// Of gl without and with adaptive slices, and of native with them, against exact.
+AdaptiveErrors adaptiveErrors(const IrregularGrid& grid, Projection projection, int slices) {
+  Renderer gl(Backend::kGl);
+  Renderer native(Backend::kNative);
+  Renderer exact(Backend::kExact);
+  for (Renderer* renderer : {&gl, &native, &exact}) {
+    renderer->setTransferFunction(makeHaze());
+    renderer->setGrid(grid);
+  }
+  const Camera camera = obliqueCamera(projection, 80, 60);
+  RenderOptions options;
+  options.shading = 0.0;
+  options.threads = 2;
+  options.slices = slices;
+  const Frame wanted = exact.render(camera, options);
+  AdaptiveErrors errors{};
+  errors.plain = rmse(gl.render(camera, options), wanted);
+  options.adaptive = true;
+  errors.native = rmse(native.render(camera, options), wanted);
+  const Frame& frame = gl.render(camera, options);
+  EXPECT_GT(frame.slices, slices) << "no cell lies between two planes";
+  errors.adaptive = rmse(frame, wanted);
+  return errors;
+}
+
+TEST(GlAgainstExactAndNative, AdaptiveSlicesTakeNoDepthTwice) {
+  for (const CubeParts parts : {CubeParts::kHexahedra, CubeParts::kTetrahedra}) {
+    const IrregularGrid grid = makeGradedGrid(parts);
+    for (const Projection projection : {Projection::kPerspective, Projection::kParallel}) {
+      for (const int slices : {12, 25, 50}) {
+        const AdaptiveErrors errors = adaptiveErrors(grid, projection, slices);
+        std::printf("%d slices: gl %.3f, adaptive %.3f; native, adaptive %.3f\n", slices, errors.plain, errors.adaptive,
+                    errors.native);
+        EXPECT_LT(errors.adaptive, errors.plain + 0.1);
+        EXPECT_LT(errors.adaptive, 1.5 * errors.native + 0.3);
+      }
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(All, NativeAgainstExact, testing::ValuesIn(allSubjects()),
                          [](const auto& info) { return info.param.name; });
 

@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <random>
 #include <string>
 #include <thread>
@@ -821,6 +823,23 @@ TEST(Frame, ToRgb8BlendsOverTheBackground) {
   frame.rgba = {0.5F, 0.25F, 0.0F, 0.5F, 2.0F, 0.0F, 0.0F, 0.0F};
   const Image image = frame.toRgb8({0.0F, 0.5F, 1.0F});
   EXPECT_EQ(image.rgb, (std::vector<std::uint8_t>{128, 128, 128, 255, 128, 255}));
+}
+
+std::unique_ptr<Renderer> renderer_with_the_life_of_the_process;
+
+/// Runs in a process of its own, in which the renderer dies after the drivers' handlers for exit() have run.
+TEST(RendererDeathTest, DyingBehindTheDriversDoesNoHarm) {
+  testing::FLAGS_gtest_death_test_style = "threadsafe";
+  const auto drawAndExit = [](Backend backend) {
+    renderer_with_the_life_of_the_process = std::make_unique<Renderer>(backend);
+    renderer_with_the_life_of_the_process->setTransferFunction(makePeaks());
+    renderer_with_the_life_of_the_process->setGrid(makeWarpedGrid(CubeParts::kHexahedra, 3, 0.1F, 1));
+    const Frame& frame =
+        renderer_with_the_life_of_the_process->render(obliqueCamera(Projection::kParallel, 32, 24), plain(10));
+    std::exit(showsSomething(frame) ? 0 : 1);
+  };
+  for (const Backend backend : {Backend::kNative, Backend::kGl, Backend::kExact})
+    EXPECT_EXIT(drawAndExit(backend), testing::ExitedWithCode(0), "");
 }
 
 TEST(VolumeTopology, CellsOfAnySizeShowTheSameVolume) {

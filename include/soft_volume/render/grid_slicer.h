@@ -63,6 +63,7 @@ class GridSlicer {
               const PixelRect& rect, bool extra, int threads = 1);
   /// Planes after bucket(), extra ones included.
   int planeCount() const;
+  bool isExtra(int plane) const;
   /// Depths of the extra planes, front to back: while they and the planes stay, polygons far from a change stay.
   const std::vector<float>& extraPlanes() const;
   /// Cuts planes [begin, end). What was in `mesh` is replaced. The result of a plane does not depend on the run that it
