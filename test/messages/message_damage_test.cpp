@@ -85,7 +85,7 @@ std::vector<std::size_t> lengthPlaces(Bytes bytes) {
 }
 
 void put(std::uint32_t value, std::size_t at, Bytes& bytes) {
-  std::memcpy(bytes.data() + at, &value, std::min(sizeof(value), bytes.size() - at));
+  std::memcpy(bytes.data() + at, &value, sizeof(value));
 }
 
 /// What the messages of a run look like; labels, a force, a cut and a polyhedron in them.
@@ -305,7 +305,7 @@ Bytes damaged(Bytes bytes, const std::vector<std::size_t>& lengths, std::mt19937
       break;
     case 2:
       for (std::size_t n = 0, count = 1 + random() % 8; n < count; ++n)
-        put(badNumber(random), place(bytes.size(), random) / 4 * 4 + random() % 4 / 3 * 2, bytes);
+        put(badNumber(random), place(bytes.size() - 3, random), bytes);
       break;
     case 3:
       bytes.erase(bytes.begin() + at, bytes.begin() + std::min(bytes.size(), at + random() % 40));
