@@ -416,6 +416,8 @@ void NativeCanvas::prepareJob() {
   }
   base_.edge_scale = kEdgesPerRange * float(table_->entriesPerValue()) / float(TransferTable::kSize);
   base_.normal_step = grid_->isTextured() ? float(std::cbrt(volume_geometry_.spacing_m.prod())) : base_.distance;
+  for (int axis = 0; axis < 3; ++axis)
+    base_.spacing[axis] = float(volume_geometry_.spacing_m[axis]);
   base_.depth_threshold = float(options.depth_threshold);
   base_.jitter = options.jitter;
   base_.cross_section = job_->cross_section;

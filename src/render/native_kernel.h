@@ -149,6 +149,7 @@ struct CompositeJob {
   float light[3], half_way[3];  ///< unit vectors, camera frame
   float edge_scale;             ///< 1 / the change of the scalar that counts as a surface
   float normal_step;            ///< within this distance, metres
+  float spacing[3];         ///< of the volume's voxels, metres
   float depth_threshold;
   bool jitter;
   bool cross_section;

@@ -725,6 +725,21 @@ SOFT_VOLUME_INLINE Gradient inCameraFrame(const Rays& rays, const Floats& x, con
   return {x, y, along - rays.slope_x * x - rays.slope_y * y};
 }
 
+/// Where a ray enters, nothing tells yet where it leads in the volume: across the two steps that lead across it.
+SOFT_VOLUME_INLINE void fillAlong(const CompositeJob& job, float step, const Floats* right, const Floats* down,
+                                  Floats* along) {
+  const Ints unknown = (along[0] == 0.0F) & (along[1] == 0.0F) & (along[2] == 0.0F);
+  if (!any(unknown))
+    return;
+  for (int axis = 0; axis < 3; ++axis) {
+    const int next = (axis + 1) % 3;
+    const int last = (axis + 2) % 3;
+    const float scale = job.spacing[next] * job.spacing[last] / (job.spacing[axis] * step);
+    const Floats across = (right[next] * down[last] - right[last] * down[next]) * scale;
+    along[axis] = select(unknown, across, along[axis]);
+  }
+}
+
 /// Gradient of a volume in the camera frame at part `t` of a segment: from four samples around it at the corners of a
 /// tetrahedron, about normal_step away. Where steps across the ray lead in the volume is what the neighbouring pixels
 /// of the plane tell, so the deformation is followed.
@@ -735,20 +750,23 @@ SOFT_VOLUME_INLINE Gradient textureGradient(const CompositeJob& job, const Rays&
   const float step_x = step * (job.perspective ? job.pixel_x / job.z[plane] : job.pixel_x);
   const float step_y = step * (job.perspective ? job.pixel_y / job.z[plane] : job.pixel_y);
   const Floats step_z = step / (segment.back - segment.front);
+  Floats right[3];
+  Floats down[3];
+  Floats along[3];
+  for (int axis = 0; axis < 3; ++axis) {
+    pixelDifferences(job.sample[axis] + std::size_t(plane) * kPlaneSamples, at, right[axis], down[axis]);
+    right[axis] = right[axis] * step_x;
+    down[axis] = down[axis] * step_y;
+    along[axis] = (segment.to.more[axis] - segment.from.more[axis]) * step_z;
+  }
+  fillAlong(job, step, right, down, along);
   Floats corners[4][3];
   for (int axis = 0; axis < 3; ++axis) {
-    Floats right;
-    Floats down;
-    pixelDifferences(job.sample[axis] + std::size_t(plane) * kPlaneSamples, at, right, down);
-    right = right * step_x;
-    down = down * step_y;
-    const Floats way = segment.to.more[axis] - segment.from.more[axis];
-    const Floats centre = segment.from.more[axis] + t * way;
-    const Floats along = way * step_z;
-    corners[0][axis] = centre + right + down + along;
-    corners[1][axis] = centre + right - down - along;
-    corners[2][axis] = centre - right + down - along;
-    corners[3][axis] = centre - right - down + along;
+    const Floats centre = between(segment.from.more[axis], segment.to.more[axis], t);
+    corners[0][axis] = centre + right[axis] + down[axis] + along[axis];
+    corners[1][axis] = centre + right[axis] - down[axis] - along[axis];
+    corners[2][axis] = centre - right[axis] + down[axis] - along[axis];
+    corners[3][axis] = centre - right[axis] - down[axis] + along[axis];
   }
   Floats s[4];
   for (int n = 0; n < 4; ++n)

@@ -174,6 +174,32 @@ TEST_P(SliceBackend, ObliqueFogErrsByLessThanTwoSlabs) {
   EXPECT_LT(former_mean, 1e-3);
 }
 
+/// The face that the rays enter through is slanted against the planes, so half a slab of another length begins each
+/// ray.
+TEST(NativeBackend, LightDoesNotDependOnHowFarTheFirstPlaneIs) {
+  const auto ramp = makeVolume(Vector3i(17, 17, 17), Vector3::Constant(4.0), [](const Vector3& t) { return t.z(); });
+  TransferFunction skin = makeFog(0.999F, 0.01);  // begins where the gradient's samples lie in the volume
+  skin.points = {{0.1, Vector3f::Ones(), 0.0F}, {0.11, Vector3f::Ones(), 0.999F}, {1.0, Vector3f::Ones(), 0.999F}};
+  Scene scene(Backend::kNative, Box3(Vector3::Constant(-2.0), Vector3::Constant(2.0)), Vector3i::Constant(1), ramp,
+              skin);
+  const Camera camera = obliqueCamera(Projection::kParallel, 60, 45);
+  RenderOptions options = plain(6);
+  options.shading = 1.0;
+  const Frame& frame = scene.render(camera, options);
+  float darkest = 1.0F;
+  float brightest = 0.0F;
+  for (int v = 15; v < 30; ++v) {
+    for (int u = 20; u < 40; ++u) {
+      const float red = frame.rgba[std::size_t(v * camera.width + u) * 4];
+      darkest = std::min(darkest, red);
+      brightest = std::max(brightest, red);
+    }
+  }
+  EXPECT_GT(darkest, 0.3F);
+  EXPECT_LT(brightest - darkest,
+            0.03F);  // where the fade of the surface is lit; 0.28 when the first half slab has no way
+}
+
 TEST(NativeBackend, ExactBoundaryMakesObliqueFogExactForAnyNumberOfSlices) {
   Scene scene(Backend::kNative, kCube, Vector3i(3, 3, 3), constantVolume(), makeFog(0.3F, 0.05));
   for (const Projection projection : {Projection::kPerspective, Projection::kParallel}) {
