@@ -392,7 +392,7 @@ TEST(MessageDamage, RandomDamageIsRefusedOrDrawn) {
   SCOPED_TRACE("seed " + std::to_string(seed));
   Fuzz fuzz(seed);
   const long before_kib = peakMemory_kib();
-  for (int round = 0; round < fuzzRounds(30); ++round)
+  for (int round = 0; round < fuzzRounds(300); ++round)
     good().visit([&fuzz](const auto& message) { fuzz.tryOne(message); });
   std::cout << "seed " << seed << ": ";
   fuzz.report(std::cout);
