@@ -430,6 +430,14 @@ void NativeCanvas::prepareJob() {
       base_.clip[n][axis] = float(normal[axis]);
     base_.clip[n][3] = float(plane.offset_m - plane.normal.dot(camera.T_volume_camera.position_m));
   }
+  // Behind far there are no planes, but the exits of exact boundaries are.
+  const auto far_m = float(camera.far_m);
+  if (options.exact_boundary &&
+      std::any_of(job_->positions.begin(), job_->positions.end(), [&](const Vector3f& p) { return p.z() > far_m; })) {
+    float* far_plane = base_.clip[base_.clips++];
+    far_plane[2] = 1.0F;
+    far_plane[3] = far_m;
+  }
 }
 
 void NativeCanvas::begin(const DrawJob& job) {

@@ -24,7 +24,7 @@ constexpr int kRunPlanesOfParts = 10;
 /// Of a sample, and of what is interpolated across a polygon: a boundary face has its depth as well.
 constexpr int kMaxSampleParts = 4;
 constexpr int kMaxAttributes = kMaxSampleParts + 1;
-constexpr int kMaxKernelClips = 8;
+constexpr int kMaxKernelClips = 9;  ///< those of the options, and far
 constexpr int kTileBlocks = kTilePixels / kPixelLanes;
 
 /// What a plane's sample of a pixel consists of.

@@ -223,6 +223,20 @@ TEST(NativeBackend, ExactBoundaryMakesObliqueFogExactForAnyNumberOfSlices) {
   }
 }
 
+TEST(NativeBackend, ExactBoundaryEndsAtNearAndFar) {
+  Scene scene(Backend::kNative, kCube, Vector3i(3, 3, 3), constantVolume(), makeFog(0.3F, 0.05));
+  Camera camera = Camera::lookAtParallel({0.5, 0.8, 0.6}, {0, 0, 0}, {0, 0, 1}, 0.4, 64, 48);
+  const double middle = camera.T_volume_camera.position_m.norm();
+  camera.near_m = middle - 0.05;
+  camera.far_m = middle + 0.06;  // a slab more would be 0.04
+  RenderOptions options = plain(20);
+  options.exact_boundary = true;
+  forEachPixel(scene.render(camera, options), [&](int u, int v, float opacity) {
+    const double exact = 1.0 - std::pow(0.7, wayInside(camera, u, v, kCube) / 0.05);
+    ASSERT_NEAR(opacity, exact, 1e-3) << u << ' ' << v;
+  });
+}
+
 TEST_P(AnyBackend, PixelCentresAreWholeNumbers) {
   const Camera camera = straightCamera(Vector3::Zero());
   for (const double shift : {-0.25, 0.25}) {
