@@ -486,11 +486,17 @@ void NativeCanvas::prepareValues(const SliceMesh& mesh) {
   });
 }
 
+/// Pixels beyond a tile that are filled, too: normals come from the differences of neighbours.
+int NativeCanvas::apron() const {
+  return base_.shading > 0.0F ? kApron : 0;
+}
+
 /// The polygons of every tile, in their order.
 void NativeCanvas::binPolygons(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice) {
   const std::size_t first = mesh.slices[first_slice].first_polygon;
   const std::size_t end = mesh.slices[end_slice - 1].first_polygon + mesh.slices[end_slice - 1].polygon_count;
   polygon_tiles_.resize(end - first);
+  const auto around = float(apron());
   parallelFor(std::ptrdiff_t(end - first), threads_, [&](std::ptrdiff_t i) {
     const SlicePolygon& polygon = mesh.polygons[first + std::size_t(i)];
     Eigen::AlignedBox2f box;
@@ -502,14 +508,13 @@ void NativeCanvas::binPolygons(const SliceMesh& mesh, std::size_t first_slice, s
       const float place = std::floor(pixel / float(size)) - float(first_tile);
       return std::int16_t(std::clamp(place, -1.0F, float(count)));
     };
-    // The apron of a tile shows what lies just beyond it.
     polygon_tiles_[std::size_t(i)] = {
-        std::max<std::int16_t>(0, tile(box.min().x() - kApron, kTileWidth, first_tile_x_, tiles_x_)),
+        std::max<std::int16_t>(0, tile(box.min().x() - around, kTileWidth, first_tile_x_, tiles_x_)),
         std::min<std::int16_t>(std::int16_t(tiles_x_ - 1),
-                               tile(box.max().x() + kApron, kTileWidth, first_tile_x_, tiles_x_)),
-        std::max<std::int16_t>(0, tile(box.min().y() - kApron, kTileHeight, first_tile_y_, tiles_y_)),
+                               tile(box.max().x() + around, kTileWidth, first_tile_x_, tiles_x_)),
+        std::max<std::int16_t>(0, tile(box.min().y() - around, kTileHeight, first_tile_y_, tiles_y_)),
         std::min<std::int16_t>(std::int16_t(tiles_y_ - 1),
-                               tile(box.max().y() + kApron, kTileHeight, first_tile_y_, tiles_y_))};
+                               tile(box.max().y() + around, kTileHeight, first_tile_y_, tiles_y_))};
   });
   const auto forEachTile = [&](const auto& visit) {
     for (std::size_t i = 0; i < polygon_tiles_.size(); ++i) {
@@ -606,7 +611,7 @@ void NativeCanvas::composite(Tile& tile, CompositeJob& job, const Scratch& scrat
 }
 
 /// Samples are only needed where a ray can still see something, and around that for normals.
-void NativeCanvas::setWindow(const Tile& tile, FillTarget& target) {
+void NativeCanvas::setWindow(const Tile& tile, FillTarget& target) const {
   constexpr int kBlocks = kTileWidth / kPixelLanes;
   int first_x = kBlocks, last_x = -1, first_y = kTileHeight, last_y = -1;
   for (int block = 0; block < kTileBlocks; ++block) {
@@ -617,10 +622,10 @@ void NativeCanvas::setWindow(const Tile& tile, FillTarget& target) {
     first_y = std::min(first_y, block / kBlocks);
     last_y = std::max(last_y, block / kBlocks);
   }
-  target.begin_x = tile.x + first_x * kPixelLanes - kApron;
-  target.end_x = tile.x + (last_x + 1) * kPixelLanes + kApron;
-  target.begin_y = tile.y + first_y - kApron;
-  target.end_y = tile.y + last_y + 1 + kApron;
+  target.begin_x = tile.x + first_x * kPixelLanes - apron();
+  target.end_x = tile.x + (last_x + 1) * kPixelLanes + apron();
+  target.begin_y = tile.y + first_y - apron();
+  target.end_y = tile.y + last_y + 1 + apron();
 }
 
 void NativeCanvas::drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32_t* polygons, std::size_t count,

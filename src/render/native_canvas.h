@@ -46,6 +46,7 @@ class NativeCanvas : public Canvas {
   template <typename Texel>
   void makeMipmap(const Texel* texels);
   void prepareValues(const SliceMesh& mesh);
+  int apron() const;
   void binPolygons(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice);
   void drawRun(const SliceMesh& mesh, std::size_t first_slice, std::size_t end_slice, bool last);
   void drawTile(const SliceMesh& mesh, Tile& tile, const std::uint32_t* polygons, std::size_t count,
@@ -55,7 +56,7 @@ class NativeCanvas : public Canvas {
   void setTrilinearCorners(const SliceMesh& mesh, const SlicePolygon& polygon, FillCorner* corners) const;
   FillCorner cornerAt(const SliceMesh& mesh, const SlicePolygon& polygon, std::size_t corner) const;
   void composite(Tile& tile, CompositeJob& job, const Scratch& scratch) const;
-  static void setWindow(const Tile& tile, FillTarget& target);
+  void setWindow(const Tile& tile, FillTarget& target) const;
   void copyTile(Tile& tile, Frame& frame) const;
   void valuesAtVertex(std::uint32_t vertex, float* values) const;
   std::size_t tileCount() const { return std::size_t(tiles_x_) * std::size_t(tiles_y_); }
