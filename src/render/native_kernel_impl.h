@@ -502,6 +502,8 @@ struct Rays {
   Floats opacity;
   Sample sample;  ///< value NaN where the ray is outside
   Floats z, back;
+  Floats before;    ///< kScalar: the sample before; NaN where the ray has entered at the last plane
+  Floats before_z;  ///< its depth, or where the slab begins that the ray has entered in
   Floats depth;
   Floats way_per_z;
   Floats slope_x, slope_y;
@@ -1034,7 +1036,7 @@ __attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const 
       fetchPending(job, segment.mask, rays.z, rays.sample);
     copySample<kind>(segment.from, rays.sample);
     copySample<kind>(segment.to, sample);
-    segment.front = rays.z;
+    segment.front = kind == SampleKind::kScalar ? select(isNumber(rays.before), rays.z, rays.before_z) : rays.z;
     segment.back = event_z;
     segments += std::size_t(__builtin_popcount(unsigned(bitsOf(segment.mask))));
     addSegment<kind, shaded>(job, state, rays, segment, kNoPlane, 0);
@@ -1043,7 +1045,18 @@ __attribute__((noinline)) std::size_t passEvents(const CompositeJob& job, const 
     rays.sample.value = select(reached & ~entering, nothing(), rays.sample.value);
     rays.z = select(enters, event_z, rays.z);
     rays.back = select(enters, event_z, rays.back);
+    rays.before = select(enters, sample.value, rays.before);
+    rays.before_z = select(enters, event_z, rays.before_z);
   }
+}
+
+/// Where the ray shows something, its scalar goes on as it went from `before` to `last` for `part` of that way. Where
+/// it shows nothing it stays: the cells behind may be there and have been left out.
+SOFT_VOLUME_INLINE void extrapolate(const TableView& table, const Ints& wanted, const Floats& before,
+                                    const Sample& last, const Floats& part, Sample& s) {
+  const Ints shows = wanted & (lookUp(table.entries, last.entry).c[3] > 0.0F);
+  s.value = select(shows, last.value + part * (last.value - before), last.value);
+  classify<SampleKind::kScalar>(table, s);
 }
 
 /// A ray ends half a slab behind the last plane that hit.
@@ -1056,6 +1069,12 @@ __attribute__((noinline)) void leave(const CompositeJob& job, const PixelState& 
   copySample<kind>(segment.to, rays.sample);
   segment.front = rays.z;
   segment.back = rays.back;
+  if (kind == SampleKind::kScalar) {
+    const Ints passed = isNumber(rays.before);
+    segment.front = select(passed, rays.z, rays.before_z);
+    extrapolate(job.table, leaving & passed & (rays.z > rays.before_z), rays.before, rays.sample,
+                (rays.back - rays.z) / (rays.z - rays.before_z), segment.to);
+  }
   addSegment<kind, shaded>(job, state, rays, segment, kNoPlane, 0);
   rays.sample.value = select(leaving, nothing(), rays.sample.value);
 }
@@ -1089,6 +1108,18 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
   copySample<kind>(segment.to, sample);
   segment.front = select(inside, rays.z, all(job.front[plane]));
   segment.back = all(job.z[plane]);
+  if (kind == SampleKind::kScalar) {
+    // How the scalar goes through the slab that a ray enters in is known at the next plane only.
+    segment.mask &= inside;
+    const Ints entered = segment.mask & ~isNumber(rays.before);
+    if (any(entered)) {
+      segment.front = select(entered, rays.before_z, segment.front);
+      extrapolate(job.table, entered, sample.value, rays.sample, (rays.z - rays.before_z) / (segment.back - rays.z),
+                  segment.from);
+    }
+    rays.before = select(hit, select(inside, rays.sample.value, nothing()), rays.before);
+    rays.before_z = select(hit, select(inside, rays.z, all(job.front[plane])), rays.before_z);
+  }
   rays.along = select(inside & hit, (sample.value - rays.sample.value) / (job.z[plane] - rays.z), all(0.0F));
   if (job.jitter && !extra) {
     // The sample moves back towards the one before, its slab with it: all by the same part of the planes' distance.
@@ -1117,7 +1148,7 @@ __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const P
 template <int count>
 SOFT_VOLUME_INLINE bool passPlainPlanes(const CompositeJob& job, Rays& rays, int plane, int at) {
   Sample samples[count];
-  Ints everywhere = isNumber(rays.sample.value) & (rays.opacity < kOpaque);
+  Ints everywhere = isNumber(rays.sample.value) & isNumber(rays.before) & (rays.opacity < kOpaque);
   for (int n = 0; n < count; ++n) {
     samples[n].value = load(job.sample[0] + std::size_t(plane + n) * kPlaneSamples + std::size_t(at));
     everywhere &= isNumber(samples[n].value);
@@ -1152,6 +1183,8 @@ SOFT_VOLUME_INLINE bool passPlainPlanes(const CompositeJob& job, Rays& rays, int
       rays.opacity += share;
     }
   }
+  rays.before = count > 1 ? samples[count - 2].value : rays.sample.value;
+  rays.before_z = count > 1 ? all(job.z[plane + count - 2]) : rays.z;
   copySample<SampleKind::kScalar>(rays.sample, samples[count - 1]);
   rays.z = all(job.z[plane + count - 1]);
   rays.back = all(job.back[plane + count - 1]);
@@ -1277,8 +1310,12 @@ SOFT_VOLUME_INLINE Rays loadRays(const CompositeJob& job, const PixelState& stat
   for (int n = 0; n < 3; ++n)
     rays.colour[n] = load(state.colour[n] + rays.pixel);
   rays.opacity = load(state.opacity + rays.pixel);
+  rays.before = Floats{};
+  rays.before_z = Floats{};
   if (job.kind == SampleKind::kScalar) {
     rays.sample.value = load(state.sample[0] + rays.pixel);
+    rays.before = load(state.sample[1] + rays.pixel);
+    rays.before_z = load(state.sample[2] + rays.pixel);
   } else {
     for (int n = 0; n < 3; ++n)
       rays.sample.more[n] = load(state.sample[n] + rays.pixel);
@@ -1301,6 +1338,8 @@ SOFT_VOLUME_INLINE void storeRays(const CompositeJob& job, const PixelState& sta
   store(state.opacity + rays.pixel, rays.opacity);
   if (job.kind == SampleKind::kScalar) {
     store(state.sample[0] + rays.pixel, rays.sample.value);
+    store(state.sample[1] + rays.pixel, rays.before);
+    store(state.sample[2] + rays.pixel, rays.before_z);
   } else {
     for (int n = 0; n < 3; ++n)
       store(state.sample[n] + rays.pixel, rays.sample.more[n]);
