@@ -56,3 +56,11 @@ function(soft_volume_test name)
   endif()
   set_tests_properties(${name} PROPERTIES TIMEOUT ${timeout_s})
 endfunction()
+
+# soft_volume_leave_out_instrumented(TEST CASES): cases of a test that a sanitizer's build takes minutes for, or cannot
+# run; what they call is called by other cases, too. After the test's other properties.
+function(soft_volume_leave_out_instrumented name cases)
+  if(SOFT_VOLUME_SANITIZE)
+    set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT "GTEST_FILTER=-${cases}")
+  endif()
+endfunction()
