@@ -46,6 +46,13 @@ class Medians:
             raise KeyError(pattern)
         return found
 
+    def having_both(self, pattern, variant, other):
+        """Names of cases that ran as both variants; KeyError where there is none."""
+        names = [match[1] for match in self.matching(f"({pattern})/{variant}") if f"{match[1]}/{other}" in self.rows]
+        if not names:
+            raise KeyError(pattern)
+        return names
+
     def wall(self, name):
         return self.rows[name]["real_time"]
 
@@ -70,10 +77,9 @@ def frame_ratio(slow, fast):
 
 
 def least_frame_ratio(pattern, slow, fast):
-    """Over all cases `pattern`/`fast`: how much longer the case beside it takes."""
+    """Over all cases `pattern` that ran both ways: how much longer the slow one takes."""
     def measure(m):
-        names = [match[1] for match in m.matching(f"({pattern})/{fast}")]
-        return min(m.time(f"{name}/{slow}") / m.time(f"{name}/{fast}") for name in names)
+        return min(m.time(f"{name}/{slow}") / m.time(f"{name}/{fast}") for name in m.having_both(pattern, slow, fast))
     return measure
 
 
@@ -83,7 +89,7 @@ def largest_error(pattern):
 
 def error_beyond_gl(m):
     """How much larger native's error is than gl's at the same number of slices, at most."""
-    names = [match[1] for match in m.matching("(render/blunt_fin/.*)/gl")]
+    names = m.having_both("render/blunt_fin/.*", "native", "gl")
     return max(m.error(f"{name}/native") - m.error(f"{name}/gl") for name in names)
 
 
