@@ -1,0 +1,53 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "soft_volume/incision/cut_mesh.h"
+#include "soft_volume/material/material.h"
+#include "soft_volume/tool/tool_command.h"
+
+namespace soft_volume::core {
+
+/// How fine pieces may become, as shares of the lattice's shortest cell edge h.
+struct CutResolution {
+  /// Vertices nearer than this to the blade's plane are taken to lie on it.
+  double snap = 0.05;
+  double least_edge = 0.04;
+  double least_width = 0.04;
+  /// How far a vertex may lie outside a face's plane: snapping warps a section, whose triangles one of both parts then
+  /// has a shallow dent at.
+  double deepest_dent = 0.1;
+};
+
+struct BladeCutResult {
+  std::uint32_t pieces_split = 0;
+  std::uint32_t splits_refused = 0;  ///< a part would have been too small: the cut runs along the piece's faces instead
+  std::uint32_t faces_opened = 0;
+  std::uint32_t vertices_added = 0;
+  Box3 rest_box_m;  ///< rest places of the vertices of opened faces; empty when nothing was opened
+};
+
+/// Incision method 2 (section 4.4.2): splits the pieces that the blade's swept surface crosses and opens the faces
+/// that it passes through.
+///
+/// A quad is a planar patch where it is flat within 0.02 h and convex, two triangles otherwise; quads that share an
+/// edge leave no gap. Quads narrower than 3 snap distances are left out: join short sweeps first. A patch acts on the
+/// deformed tissue as follows.
+/// 1. A piece that it covers only in part is split along the patch's border by a plane upright on it. These sections
+///    stay closed: the incision ends there, within 1.5 snap distances of the blade's end where the parts are large
+///    enough, otherwise where half of the piece's section is passed.
+/// 2. Covered pieces are split by the patch's plane.
+/// 3. Faces between what lies on either side of the plane are opened where the patch covers them, and vertices parted
+///    that no longer hold together.
+/// A split that would leave a part smaller than the resolution allows is not made; the piece stays whole on the side
+/// of its middle and the cut runs around it. So the sides are parted without a gap in any case.
+///
+/// Pieces of fixed materials are neither split nor parted from others. `positions_m` are the deformed positions, one
+/// per vertex, and get those of new vertices. `reach_m` bounds the distance of any vertex from rest. Quads are finite.
+/// Deterministic; takes time in proportion to the pieces near the blade.
+BladeCutResult cutMesh(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
+                       const CutResolution& resolution, const std::vector<SweptQuad>& quads, double reach_m,
+                       std::vector<Vector3>& positions_m);
+
+}  // namespace soft_volume::core

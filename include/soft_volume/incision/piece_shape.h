@@ -1,0 +1,34 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "soft_volume/common/geometry.h"
+
+namespace soft_volume::core {
+
+/// A polyhedron by itself: points and the loops of its faces, counter-clockwise seen from outside.
+struct Polyhedron {
+  std::vector<Vector3> points_m;
+  std::vector<std::vector<std::uint32_t>> loops;
+};
+
+/// Every edge belongs to exactly two faces, which run along it in opposite directions.
+bool isClosed(const Polyhedron& solid);
+
+/// Enclosed volume, m3: exact for planar faces.
+double volumeOf(const Polyhedron& solid);
+
+double shortestEdge(const Polyhedron& solid);
+
+/// How far a vertex lies outside the plane of a face at most, metres; 0 for a convex polyhedron.
+double deepestDent(const Polyhedron& solid);
+
+/// Least distance of two parallel planes that have a closed polyhedron's convex hull between them, metres. Stops early,
+/// with a number below `enough_m`, once that is certain.
+double leastWidth(const Polyhedron& solid, double enough_m = 0.0);
+
+/// Sum of the cross products along a loop: twice its area, along its normal (Newell).
+Vector3 areaVector(const std::vector<Vector3>& points_m, const std::vector<std::uint32_t>& loop);
+
+}  // namespace soft_volume::core

@@ -1,0 +1,266 @@
+#include "soft_volume/incision/cut_mesh.h"
+
+#include <algorithm>
+#include <cassert>
+#include <numeric>
+
+#include "soft_volume/grid/hexahedron.h"
+
+namespace soft_volume::core {
+namespace {
+
+using Numbers = std::vector<std::uint32_t>;
+
+bool contains(const Numbers& numbers, std::uint32_t wanted) {
+  return std::find(numbers.begin(), numbers.end(), wanted) != numbers.end();
+}
+
+void insertSorted(Numbers& numbers, std::uint32_t number) {
+  const auto place = std::lower_bound(numbers.begin(), numbers.end(), number);
+  if (place == numbers.end() || *place != number)
+    numbers.insert(place, number);
+}
+
+void eraseSorted(Numbers& numbers, std::uint32_t number) {
+  const auto place = std::lower_bound(numbers.begin(), numbers.end(), number);
+  assert(place != numbers.end() && *place == number);
+  numbers.erase(place);
+}
+
+/// Puts `middle` between a and b where they follow each other, in whatever order. Says whether they did.
+bool insertBetween(Numbers& loop, std::uint32_t a, std::uint32_t b, std::uint32_t middle) {
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const std::uint32_t u = loop[i];
+    const std::uint32_t v = loop[(i + 1) % loop.size()];
+    if ((u == a && v == b) || (u == b && v == a)) {
+      loop.insert(loop.begin() + static_cast<std::ptrdiff_t>(i + 1), middle);
+      return true;
+    }
+  }
+  return false;
+}
+
+/// The way around a loop from one of its vertices to another, both included.
+Numbers wayAround(const Numbers& loop, std::uint32_t from, std::uint32_t to) {
+  auto i = static_cast<std::size_t>(std::find(loop.begin(), loop.end(), from) - loop.begin());
+  assert(i < loop.size() && contains(loop, to));
+  Numbers way = {from};
+  while (way.back() != to)
+    way.push_back(loop[i = (i + 1) % loop.size()]);
+  return way;
+}
+
+std::uint32_t rootOf(Numbers& parents, std::uint32_t n) {
+  while (parents[n] != n)
+    n = parents[n] = parents[parents[n]];
+  return n;
+}
+
+/// Joins two sets; the lower number stays the root.
+void join(Numbers& parents, std::uint32_t a, std::uint32_t b) {
+  a = rootOf(parents, a);
+  b = rootOf(parents, b);
+  parents[std::max(a, b)] = std::min(a, b);
+}
+
+}  // namespace
+
+CutMesh::CutMesh(const Lattice& lattice) : rest_positions_(lattice.rest_positions) {
+  for (std::uint32_t v = 0; v < vertexCount(); ++v)
+    sources_.push_back({v, v, 0.0});
+  pieces_around_.resize(vertexCount());
+  pieces_.reserve(lattice.cellCount());
+  pieces_of_cell_.resize(lattice.cellCount());
+  for (std::uint32_t cell = 0; cell < lattice.cellCount(); ++cell)
+    pieces_.push_back({cell, {}});
+  for (std::uint32_t cell = 0; cell < lattice.cellCount(); ++cell)
+    addPiece(lattice, cell);
+  for (Piece& piece : pieces_)
+    std::sort(piece.faces.begin(), piece.faces.end());
+}
+
+/// Its vertices and those faces that no cell with a lower number has.
+void CutMesh::addPiece(const Lattice& lattice, std::uint32_t cell) {
+  pieces_of_cell_[cell] = {cell};
+  for (const std::uint32_t v : lattice.cells[cell])
+    insertSorted(pieces_around_[v], cell);
+  for (std::size_t f = 0; f < 6; ++f) {
+    const std::int32_t other = lattice.face_neighbours[cell][f];
+    if (other != Lattice::kNone && other < static_cast<std::int32_t>(cell))
+      continue;
+    Face face{{}, {static_cast<std::int32_t>(cell), other}, lattice.cut_faces[cell][f] != 0};
+    for (const int corner : kHexahedronFaces[f])
+      face.loop.push_back(lattice.cells[cell][static_cast<std::size_t>(corner)]);
+    const auto number = static_cast<std::uint32_t>(faces_.size());
+    pieces_[cell].faces.push_back(number);
+    if (other != Lattice::kNone)
+      pieces_[static_cast<std::size_t>(other)].faces.push_back(number);
+    faces_.push_back(std::move(face));
+  }
+}
+
+Numbers CutMesh::outwardLoop(std::uint32_t face, std::uint32_t piece) const {
+  Numbers loop = faces_[face].loop;
+  if (faces_[face].pieces[0] != static_cast<std::int32_t>(piece))
+    std::reverse(loop.begin(), loop.end());
+  return loop;
+}
+
+Numbers CutMesh::verticesOf(std::uint32_t piece) const {
+  Numbers vertices;
+  for (const std::uint32_t f : pieces_[piece].faces)
+    vertices.insert(vertices.end(), faces_[f].loop.begin(), faces_[f].loop.end());
+  std::sort(vertices.begin(), vertices.end());
+  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+  return vertices;
+}
+
+std::vector<Numbers> CutMesh::loopsOf(std::uint32_t piece) const {
+  std::vector<Numbers> loops;
+  for (const std::uint32_t f : pieces_[piece].faces)
+    loops.push_back(outwardLoop(f, piece));
+  return loops;
+}
+
+std::int32_t CutMesh::across(std::uint32_t face, std::uint32_t piece) const {
+  const auto& owners = faces_[face].pieces;
+  return owners[0] == static_cast<std::int32_t>(piece) ? owners[1] : owners[0];
+}
+
+Numbers CutMesh::islands() const {
+  Numbers parents(pieces_.size());
+  std::iota(parents.begin(), parents.end(), 0U);
+  for (const Face& face : faces_) {
+    if (face.pieces[1] != kNone)
+      join(parents, static_cast<std::uint32_t>(face.pieces[0]), static_cast<std::uint32_t>(face.pieces[1]));
+  }
+  for (std::uint32_t p = 0; p < parents.size(); ++p)
+    parents[p] = rootOf(parents, p);
+  return parents;
+}
+
+std::uint32_t CutMesh::addVertex(const Vector3& rest_m, const Source& source) {
+  rest_positions_.push_back(rest_m);
+  sources_.push_back(source);
+  pieces_around_.emplace_back();
+  return static_cast<std::uint32_t>(vertexCount() - 1);
+}
+
+std::uint32_t CutMesh::splitEdge(std::uint32_t a, std::uint32_t b, double share) {
+  const Vector3 rest_m = rest_positions_[a] + share * (rest_positions_[b] - rest_positions_[a]);
+  const std::uint32_t middle = addVertex(rest_m, {a, b, share});
+  Numbers around;
+  std::set_intersection(pieces_around_[a].begin(), pieces_around_[a].end(), pieces_around_[b].begin(),
+                        pieces_around_[b].end(), std::back_inserter(around));
+  for (const std::uint32_t piece : around) {
+    bool has_edge = false;
+    for (const std::uint32_t f : pieces_[piece].faces) {
+      // The piece on the other side of a face may have been here before.
+      has_edge |= insertBetween(faces_[f].loop, a, b, middle) || contains(faces_[f].loop, middle);
+    }
+    if (has_edge)
+      pieces_around_[middle].push_back(piece);
+  }
+  return middle;
+}
+
+std::uint32_t CutMesh::splitFace(std::uint32_t face, std::uint32_t from, std::uint32_t to) {
+  const auto number = static_cast<std::uint32_t>(faces_.size());
+  Face rest = faces_[face];
+  rest.loop = wayAround(faces_[face].loop, to, from);
+  faces_[face].loop = wayAround(faces_[face].loop, from, to);
+  assert(rest.loop.size() >= 3 && faces_[face].loop.size() >= 3);
+  for (const std::int32_t owner : rest.pieces) {
+    if (owner != kNone)
+      pieces_[static_cast<std::size_t>(owner)].faces.push_back(number);
+  }
+  faces_.push_back(std::move(rest));
+  return number;
+}
+
+std::uint32_t CutMesh::splitPiece(std::uint32_t piece, const Numbers& moved, const std::vector<Numbers>& section) {
+  const auto number = static_cast<std::uint32_t>(pieces_.size());
+  const Numbers before = verticesOf(piece);
+  pieces_.push_back({pieces_[piece].cell, {}});
+  pieces_of_cell_[pieces_[piece].cell].push_back(number);
+  for (const std::uint32_t f : moved) {
+    auto& owners = faces_[f].pieces;
+    owners[owners[0] == static_cast<std::int32_t>(piece) ? 0 : 1] = static_cast<std::int32_t>(number);
+    eraseSorted(pieces_[piece].faces, f);
+    insertSorted(pieces_[number].faces, f);
+  }
+  for (const Numbers& loop : section) {
+    const auto f = static_cast<std::uint32_t>(faces_.size());
+    faces_.push_back({loop, {static_cast<std::int32_t>(piece), static_cast<std::int32_t>(number)}, false});
+    pieces_[piece].faces.push_back(f);
+    pieces_[number].faces.push_back(f);
+  }
+  for (const std::uint32_t v : before)
+    eraseSorted(pieces_around_[v], piece);
+  for (const std::uint32_t part : {piece, number}) {
+    for (const std::uint32_t v : verticesOf(part))
+      insertSorted(pieces_around_[v], part);
+  }
+  return number;
+}
+
+void CutMesh::openFace(std::uint32_t face) {
+  const auto number = static_cast<std::uint32_t>(faces_.size());
+  const std::int32_t other = faces_[face].pieces[1];
+  assert(other != kNone);
+  Face lip{faces_[face].loop, {other, kNone}, true};
+  std::reverse(lip.loop.begin(), lip.loop.end());
+  faces_[face].pieces[1] = kNone;
+  faces_[face].opened = true;
+  Piece& piece = pieces_[static_cast<std::size_t>(other)];
+  eraseSorted(piece.faces, face);
+  piece.faces.push_back(number);
+  faces_.push_back(std::move(lip));
+}
+
+/// Group of each of the pieces around a vertex, named by the place of its first piece.
+Numbers CutMesh::groupsAround(std::uint32_t vertex) const {
+  const Numbers& around = pieces_around_[vertex];
+  Numbers groups(around.size());
+  std::iota(groups.begin(), groups.end(), 0U);
+  for (std::uint32_t n = 0; n < around.size(); ++n) {
+    for (const std::uint32_t f : pieces_[around[n]].faces) {
+      const std::int32_t other = across(f, around[n]);
+      if (other == kNone || !contains(faces_[f].loop, vertex))
+        continue;
+      const auto place = std::lower_bound(around.begin(), around.end(), static_cast<std::uint32_t>(other));
+      join(groups, n, static_cast<std::uint32_t>(place - around.begin()));
+    }
+  }
+  for (std::uint32_t n = 0; n < groups.size(); ++n)
+    groups[n] = rootOf(groups, n);
+  return groups;
+}
+
+void CutMesh::replaceVertex(std::uint32_t piece, std::uint32_t from, std::uint32_t to) {
+  for (const std::uint32_t f : pieces_[piece].faces)
+    std::replace(faces_[f].loop.begin(), faces_[f].loop.end(), from, to);
+}
+
+std::uint32_t CutMesh::partVertex(std::uint32_t vertex) {
+  const Numbers groups = groupsAround(vertex);
+  const Numbers around = pieces_around_[vertex];
+  std::vector<std::int64_t> replicas(around.size(), kNone);
+  std::uint32_t added = 0;
+  for (std::size_t n = 0; n < around.size(); ++n) {
+    if (groups[n] == 0)
+      continue;
+    std::int64_t& replica = replicas[groups[n]];
+    if (replica == kNone) {
+      replica = addVertex(Vector3(rest_positions_[vertex]), {vertex, vertex, 0.0});
+      ++added;
+    }
+    const auto number = static_cast<std::uint32_t>(replica);
+    replaceVertex(around[n], vertex, number);
+    eraseSorted(pieces_around_[vertex], around[n]);
+    pieces_around_[number].push_back(around[n]);
+  }
+  return added;
+}
+
+}  // namespace soft_volume::core

@@ -1,0 +1,110 @@
+#include "soft_volume/incision/piece_shape.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+namespace soft_volume::core {
+namespace {
+
+using Edge = std::pair<std::uint32_t, std::uint32_t>;
+/// Cross products below this share of the edges' lengths have no direction.
+constexpr double kParallel = 1e-9;
+
+template <typename Visit>
+void forEachEdge(const Polyhedron& solid, const Visit& visit) {
+  for (const auto& loop : solid.loops) {
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      visit(loop[i], loop[(i + 1) % loop.size()]);
+  }
+}
+
+std::vector<Vector3> edgesOnce(const Polyhedron& solid) {
+  std::vector<Vector3> edges;
+  forEachEdge(solid, [&](std::uint32_t a, std::uint32_t b) {
+    if (a < b)
+      edges.push_back((solid.points_m[b] - solid.points_m[a]).normalized());
+  });
+  return edges;
+}
+
+double extentAlong(const Polyhedron& solid, const Vector3& direction) {
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for (const Vector3& p : solid.points_m) {
+    const double d = direction.dot(p);
+    low = std::min(low, d);
+    high = std::max(high, d);
+  }
+  return high - low;
+}
+
+}  // namespace
+
+Vector3 areaVector(const std::vector<Vector3>& points_m, const std::vector<std::uint32_t>& loop) {
+  Vector3 sum = Vector3::Zero();
+  const Vector3& origin = points_m[loop[0]];
+  for (std::size_t i = 2; i < loop.size(); ++i)
+    sum += (points_m[loop[i - 1]] - origin).cross(points_m[loop[i]] - origin);
+  return sum;
+}
+
+bool isClosed(const Polyhedron& solid) {
+  std::vector<Edge> edges;
+  forEachEdge(solid, [&](std::uint32_t a, std::uint32_t b) { edges.emplace_back(a, b); });
+  std::sort(edges.begin(), edges.end());
+  if (std::adjacent_find(edges.begin(), edges.end()) != edges.end())
+    return false;
+  return std::all_of(edges.begin(), edges.end(), [&](const Edge& e) {
+    return e.first != e.second && std::binary_search(edges.begin(), edges.end(), Edge(e.second, e.first));
+  });
+}
+
+double volumeOf(const Polyhedron& solid) {
+  double sum = 0.0;
+  const Vector3& origin = solid.points_m[0];
+  for (const auto& loop : solid.loops)
+    sum += (solid.points_m[loop[0]] - origin).dot(areaVector(solid.points_m, loop));
+  return sum / 6.0;
+}
+
+double shortestEdge(const Polyhedron& solid) {
+  double shortest = std::numeric_limits<double>::infinity();
+  forEachEdge(solid, [&](std::uint32_t a, std::uint32_t b) {
+    shortest = std::min(shortest, (solid.points_m[a] - solid.points_m[b]).norm());
+  });
+  return shortest;
+}
+
+double deepestDent(const Polyhedron& solid) {
+  double deepest = 0.0;
+  for (const auto& loop : solid.loops) {
+    const Vector3 normal = areaVector(solid.points_m, loop).normalized();
+    for (const Vector3& p : solid.points_m)
+      deepest = std::max(deepest, normal.dot(p - solid.points_m[loop[0]]));
+  }
+  return deepest;
+}
+
+double leastWidth(const Polyhedron& solid, double enough_m) {
+  double width = std::numeric_limits<double>::infinity();
+  for (const auto& loop : solid.loops) {
+    width = std::min(width, extentAlong(solid, areaVector(solid.points_m, loop).normalized()));
+    if (width < enough_m)
+      return width;
+  }
+  const std::vector<Vector3> edges = edgesOnce(solid);
+  for (std::size_t a = 0; a < edges.size(); ++a) {
+    for (std::size_t b = a + 1; b < edges.size(); ++b) {
+      const Vector3 normal = edges[a].cross(edges[b]);
+      const double length = normal.norm();
+      if (length > kParallel)
+        width = std::min(width, extentAlong(solid, normal / length));
+    }
+    if (width < enough_m)
+      return width;
+  }
+  return width;
+}
+
+}  // namespace soft_volume::core

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <optional>
+#include <unordered_map>
+#include <vector>
+
+#include "blade_patch.h"
+#include "soft_volume/incision/cut_mesh.h"
+
+namespace soft_volume::core {
+
+/// On which side of a plane vertices lie, found once for each, so that all pieces around it agree. Vertices nearer than
+/// the snap distance lie on the plane. `positions_m` may grow.
+class PlaneSides {
+ public:
+  PlaneSides(const Plane& plane, double snap_m, const std::vector<Vector3>& positions_m)
+      : plane_(plane), snap_m_(snap_m), positions_m_(&positions_m) {}
+
+  double distance(std::uint32_t vertex);
+  /// -1, 0 or 1.
+  int sign(std::uint32_t vertex);
+  /// For a vertex that was made on the plane.
+  void putOn(std::uint32_t vertex) { distances_m_[vertex] = 0.0; }
+
+ private:
+  Plane plane_;
+  double snap_m_;
+  const std::vector<Vector3>* positions_m_;
+  std::unordered_map<std::uint32_t, double> distances_m_;
+};
+
+/// What every piece keeps, in metres at rest.
+struct ShapeLimits {
+  double least_edge_m;
+  double least_width_m;
+  double deepest_dent_m;
+  double flat_m;  ///< sections that are flatter stay polygons; others become triangles
+};
+
+/// How a plane splits a piece. The parts behind (-) and in front (+) of it keep to the limits.
+struct PieceSplit {
+  struct Chord {
+    std::uint32_t face;
+    std::uint32_t from;  ///< the part behind the plane runs from here
+    std::uint32_t to;    ///< to here
+  };
+  std::vector<CutMesh::Source> points;              ///< new vertices on edges, numbered from the mesh's count on
+  std::vector<Chord> chords;                        ///< through the piece's faces
+  std::vector<std::vector<std::uint32_t>> section;  ///< the new faces, outward of the part behind
+};
+
+/// Nothing when the plane does not part the piece in two or a part would break the limits. Changes nothing.
+std::optional<PieceSplit> planSplit(const CutMesh& mesh, std::uint32_t piece, PlaneSides& sides,
+                                    const ShapeLimits& limits);
+
+/// Does it; the neighbours' faces are cut, too. Returns the part in front. `positions_m` gets the new vertices.
+std::uint32_t applySplit(const PieceSplit& split, std::uint32_t piece, CutMesh& mesh, PlaneSides& sides,
+                         std::vector<Vector3>& positions_m);
+
+}  // namespace soft_volume::core

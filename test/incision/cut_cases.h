@@ -1,0 +1,176 @@
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <set>
+#include <vector>
+
+#include "lattice_blocks.h"
+#include "soft_volume/incision/blade_cut.h"
+#include "soft_volume/incision/piece_shape.h"
+
+namespace soft_volume::core {
+
+constexpr double kH = 0.005;
+
+/// A block that is cut at rest.
+struct CutBlock {
+  explicit CutBlock(const Vector3i& dims, double h = kH)
+      : lattice(makeBlock(dims, Vector3::Constant(h))), mesh(lattice), positions_m(lattice.rest_positions) {}
+
+  BladeCutResult cut(const std::vector<SweptQuad>& quads) {
+    return cutMesh(mesh, lattice, materials, resolution, quads, 0.0, positions_m);
+  }
+  Vector3 size() const { return lattice.dims.cast<double>().cwiseProduct(lattice.spacing_m); }
+
+  Lattice lattice;
+  std::vector<Material> materials = oneMaterial(1e4);
+  CutResolution resolution;
+  CutMesh mesh;
+  std::vector<Vector3> positions_m;
+};
+
+/// A square of half-width `half_m` around `middle`; `turn_rad` turns it in its plane.
+inline SweptQuad squareQuad(const Vector3& middle, const Vector3& normal, double half_m, double turn_rad = 0.0) {
+  const Vector3 n = normal.normalized();
+  const Vector3 u0 = n.unitOrthogonal();
+  const Vector3 u = half_m * (std::cos(turn_rad) * u0 + std::sin(turn_rad) * n.cross(u0));
+  const Vector3 v = n.cross(u);
+  return {middle - u - v, middle + u - v, middle + u + v, middle - u + v};
+}
+
+inline Polyhedron solidOf(const CutMesh& mesh, std::uint32_t piece) {
+  return {mesh.restPositions(), mesh.loopsOf(piece)};
+}
+
+/// With its own points only, which makes extents cheap and right.
+inline Polyhedron compactSolidOf(const CutMesh& mesh, std::uint32_t piece) {
+  const std::vector<std::uint32_t> vertices = mesh.verticesOf(piece);
+  Polyhedron solid;
+  for (const std::uint32_t v : vertices)
+    solid.points_m.push_back(mesh.restPositions()[v]);
+  for (auto loop : mesh.loopsOf(piece)) {
+    for (std::uint32_t& v : loop)
+      v = static_cast<std::uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) - vertices.begin());
+    solid.loops.push_back(loop);
+  }
+  return solid;
+}
+
+inline double volumeOfPiece(const CutMesh& mesh, std::uint32_t piece) {
+  return volumeOf(compactSolidOf(mesh, piece));
+}
+
+inline double totalVolume(const CutMesh& mesh) {
+  double sum = 0.0;
+  for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p)
+    sum += volumeOfPiece(mesh, p);
+  return sum;
+}
+
+/// Volumes of what hangs together, smallest first.
+inline std::vector<double> islandVolumes(const CutMesh& mesh) {
+  const std::vector<std::uint32_t> island = mesh.islands();
+  std::vector<double> volumes(island.size(), 0.0);
+  for (std::uint32_t p = 0; p < island.size(); ++p)
+    volumes[island[p]] += volumeOfPiece(mesh, p);
+  volumes.erase(std::remove(volumes.begin(), volumes.end(), 0.0), volumes.end());
+  std::sort(volumes.begin(), volumes.end());
+  return volumes;
+}
+
+struct MeshExtremes {
+  double shortest_edge_m = HUGE_VAL;
+  double least_width_m = HUGE_VAL;
+  double deepest_dent_m = 0.0;
+  double least_volume_m3 = HUGE_VAL;
+  double farthest_off_face_m = 0.0;  ///< of a face's corner from its plane
+};
+
+inline MeshExtremes extremesOf(const CutMesh& mesh) {
+  MeshExtremes extremes;
+  for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p) {
+    const Polyhedron solid = compactSolidOf(mesh, p);
+    extremes.shortest_edge_m = std::min(extremes.shortest_edge_m, shortestEdge(solid));
+    extremes.least_width_m = std::min(extremes.least_width_m, leastWidth(solid));
+    extremes.deepest_dent_m = std::max(extremes.deepest_dent_m, deepestDent(solid));
+    extremes.least_volume_m3 = std::min(extremes.least_volume_m3, volumeOf(solid));
+    for (const auto& loop : solid.loops) {
+      const Vector3 normal = areaVector(solid.points_m, loop).normalized();
+      for (const std::uint32_t v : loop) {
+        extremes.farthest_off_face_m =
+            std::max(extremes.farthest_off_face_m, std::abs(normal.dot(solid.points_m[v] - solid.points_m[loop[0]])));
+      }
+    }
+  }
+  return extremes;
+}
+
+/// Faces and pieces name each other, loops are simple, polyhedra closed, and vertices know their pieces.
+inline void expectConsistent(const CutMesh& mesh) {
+  std::vector<int> named(mesh.faces().size(), 0);
+  for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p) {
+    const auto& faces = mesh.pieces()[p].faces;
+    ASSERT_TRUE(std::is_sorted(faces.begin(), faces.end()));
+    for (const std::uint32_t f : faces) {
+      const auto& owners = mesh.faces()[f].pieces;
+      ASSERT_TRUE(owners[0] == int(p) || owners[1] == int(p));
+      ++named[f];
+    }
+    ASSERT_TRUE(isClosed(solidOf(mesh, p))) << "piece " << p;
+    for (const std::uint32_t v : mesh.verticesOf(p)) {
+      const auto& around = mesh.piecesAround(v);
+      ASSERT_TRUE(std::binary_search(around.begin(), around.end(), p));
+    }
+  }
+  for (std::uint32_t f = 0; f < mesh.faces().size(); ++f) {
+    const auto& face = mesh.faces()[f];
+    ASSERT_EQ(named[f], face.pieces[1] == CutMesh::kNone ? 1 : 2);
+    ASSERT_EQ(std::set<std::uint32_t>(face.loop.begin(), face.loop.end()).size(), face.loop.size());
+    ASSERT_FALSE(face.opened && face.pieces[1] != CutMesh::kNone);
+  }
+}
+
+/// No vertex of the pieces around an edge lies inside it.
+inline void expectNoTJunctions(const CutMesh& mesh, double slack_m) {
+  const auto& places = mesh.restPositions();
+  for (const auto& face : mesh.faces()) {
+    for (std::size_t i = 0; i < face.loop.size(); ++i) {
+      const std::uint32_t a = face.loop[i];
+      const std::uint32_t b = face.loop[(i + 1) % face.loop.size()];
+      const Vector3 along = (places[b] - places[a]).normalized();
+      const double length = (places[b] - places[a]).norm();
+      for (const std::uint32_t p : mesh.piecesAround(a)) {
+        const auto& around = mesh.piecesAround(b);
+        if (!std::binary_search(around.begin(), around.end(), p))
+          continue;
+        for (const std::uint32_t v : mesh.verticesOf(p)) {
+          const double t = along.dot(places[v] - places[a]);
+          const double off = (places[v] - places[a] - t * along).norm();
+          ASSERT_FALSE(v != a && v != b && off < slack_m && t > slack_m && t < length - slack_m)
+              << "vertex " << v << " on edge " << a << "-" << b;
+        }
+      }
+    }
+  }
+}
+
+inline void expectSound(const CutBlock& block) {
+  ASSERT_NO_FATAL_FAILURE(expectConsistent(block.mesh));
+  ASSERT_NO_FATAL_FAILURE(expectNoTJunctions(block.mesh, 1e-6 * kH));
+  ASSERT_NEAR(totalVolume(block.mesh) / block.size().prod(), 1.0, 1e-9);
+  const MeshExtremes extremes = extremesOf(block.mesh);
+  ASSERT_GE(extremes.shortest_edge_m, (block.resolution.least_edge - 1e-9) * kH);
+  ASSERT_GE(extremes.least_width_m, (block.resolution.least_width - 1e-9) * kH);
+  ASSERT_LE(extremes.deepest_dent_m, (block.resolution.deepest_dent + 1e-9) * kH);
+  ASSERT_LE(extremes.farthest_off_face_m, 1e-9 * kH);
+  ASSERT_GT(extremes.least_volume_m3, 0.0);
+  ASSERT_EQ(block.positions_m.size(), block.mesh.vertexCount());
+  for (std::size_t v = 0; v < block.positions_m.size(); ++v)
+    ASSERT_TRUE(block.positions_m[v].isApprox(block.mesh.restPositions()[v], 1e-12));
+}
+
+}  // namespace soft_volume::core

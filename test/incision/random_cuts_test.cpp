@@ -1,0 +1,231 @@
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <map>
+#include <numeric>
+
+#include "incision/cut_cases.h"
+#include "render/cell_grids.h"
+#include "soft_volume/render/grid_slicer.h"
+#include "soft_volume/render/renderer.h"
+
+namespace soft_volume::core {
+namespace {
+
+constexpr unsigned kSeed = 19970602;
+constexpr int kBlocks = 50;
+constexpr int kCutsOfBlock = 20;
+constexpr int kCells = 8;
+
+/// Quads that are bad for a mesh: through vertices, edges and faces exactly, at 1 % and 99 % of edges, oblique and
+/// along axes, much smaller and much larger than the block, and warped.
+class RandomQuads {
+ public:
+  explicit RandomQuads(unsigned seed) : random_(seed) {}
+
+  SweptQuad next() {
+    const double half_m = kH * (random_() % 4 == 0 ? 20.0 : range(0.3, 2.5));
+    SweptQuad quad = squareQuad(middle(), normal(), half_m, range(0.0, 3.0));
+    if (random_() % 4 == 0) {
+      for (Vector3& p : quad)
+        p += range(0.0, 0.2) * half_m * Vector3(range(-1, 1), range(-1, 1), range(-1, 1));
+    }
+    return quad;
+  }
+
+ private:
+  double range(double low, double high) { return std::uniform_real_distribution<double>(low, high)(random_); }
+  Vector3 middle() {
+    Vector3 p(range(0, kCells), range(0, kCells), range(0, kCells));
+    const double share = std::array<double, 4>{0.0, 0.01, 0.99, 0.5}[random_() % 4];
+    if (random_() % 2 == 0)
+      p = p.array().floor() + share;
+    return p * kH;
+  }
+  Vector3 normal() {
+    switch (random_() % 4) {
+      case 0:
+        return Vector3::Unit(int(random_() % 3));
+      case 1:
+        return {double(random_() % 2), double(random_() % 2), 1.0};
+      default:
+        return {range(-1, 1), range(-1, 1), range(-1, 1) + 0.01};
+    }
+  }
+
+  std::mt19937 random_;
+};
+
+/// The number of parts, by flooding from piece to piece over faces with the same corners: knows nothing of the mesh's
+/// own pairing. Lips whose corners all lie on the incision's front have the same corners, too.
+std::size_t countIslands(const CutMesh& mesh) {
+  std::map<std::vector<std::uint32_t>, std::vector<std::uint32_t>> owners;
+  for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p) {
+    for (auto loop : mesh.loopsOf(p)) {
+      std::sort(loop.begin(), loop.end());
+      owners[loop].push_back(p);
+    }
+  }
+  std::vector<std::uint32_t> part(mesh.pieces().size());
+  std::iota(part.begin(), part.end(), 0U);
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (const auto& entry : owners) {
+      for (const std::uint32_t p : entry.second) {
+        const std::uint32_t low = std::min(part[p], part[entry.second[0]]);
+        changed |= part[p] != low || part[entry.second[0]] != low;
+        part[p] = part[entry.second[0]] = low;
+      }
+    }
+  }
+  std::set<std::uint32_t> parts(part.begin(), part.end());
+  return parts.size();
+}
+
+/// Closed faces: both pieces run along the same corners in opposite directions.
+void expectPairsFit(const CutMesh& mesh) {
+  for (std::uint32_t f = 0; f < mesh.faces().size(); ++f) {
+    const auto& owners = mesh.faces()[f].pieces;
+    if (owners[1] == CutMesh::kNone)
+      continue;
+    auto back = mesh.outwardLoop(f, std::uint32_t(owners[1]));
+    std::reverse(back.begin(), back.end());
+    ASSERT_EQ(back, mesh.outwardLoop(f, std::uint32_t(owners[0])));
+  }
+}
+
+TEST(RandomCuts, AThousandLeaveSoundPieces) {
+  std::printf("seed %u\n", kSeed);
+  std::size_t splits = 0;
+  std::size_t refused = 0;
+  std::size_t most_pieces = 0;
+  std::size_t islands = 0;
+  MeshExtremes worst;
+  double volume_error = 0.0;
+  for (int n = 0; n < kBlocks; ++n) {
+    CutBlock block(Vector3i::Constant(kCells));
+    RandomQuads quads(kSeed + unsigned(n));
+    for (int c = 0; c < kCutsOfBlock; ++c) {
+      const BladeCutResult result = block.cut({quads.next()});
+      splits += result.pieces_split;
+      refused += result.splits_refused;
+    }
+    SCOPED_TRACE(n);
+    ASSERT_NO_FATAL_FAILURE(expectSound(block));
+    ASSERT_NO_FATAL_FAILURE(expectPairsFit(block.mesh));
+    const MeshExtremes extremes = extremesOf(block.mesh);
+    worst.shortest_edge_m = std::min(worst.shortest_edge_m, extremes.shortest_edge_m);
+    worst.least_width_m = std::min(worst.least_width_m, extremes.least_width_m);
+    worst.deepest_dent_m = std::max(worst.deepest_dent_m, extremes.deepest_dent_m);
+    volume_error = std::max(volume_error, std::abs(totalVolume(block.mesh) / block.size().prod() - 1.0));
+    const std::size_t parts = islandVolumes(block.mesh).size();
+    ASSERT_EQ(parts, countIslands(block.mesh));
+    islands += parts;
+    most_pieces = std::max(most_pieces, block.mesh.pieces().size());
+  }
+  std::printf(
+      "%zu splits, %zu refused, at most %zu pieces, %zu islands; shortest edge %.4f h, least width %.4f h, "
+      "deepest dent %.4f h, volume within %.1e\n",
+      splits, refused, most_pieces, islands, worst.shortest_edge_m / kH, worst.least_width_m / kH,
+      worst.deepest_dent_m / kH, volume_error);
+  EXPECT_GT(splits, 10000U);
+}
+
+TEST(RandomCuts, RepeatBitForBit) {
+  std::vector<CutMesh> meshes;
+  for (int n = 0; n < 2; ++n) {
+    CutBlock block(Vector3i::Constant(kCells));
+    RandomQuads quads(kSeed);
+    for (int c = 0; c < kCutsOfBlock; ++c)
+      block.cut({quads.next()});
+    meshes.push_back(block.mesh);
+  }
+  ASSERT_EQ(meshes[0].restPositions(), meshes[1].restPositions());
+  ASSERT_EQ(meshes[0].faces().size(), meshes[1].faces().size());
+  ASSERT_EQ(meshes[0].pieces().size(), meshes[1].pieces().size());
+  for (std::size_t f = 0; f < meshes[0].faces().size(); ++f) {
+    ASSERT_EQ(meshes[0].faces()[f].loop, meshes[1].faces()[f].loop);
+    ASSERT_EQ(meshes[0].faces()[f].pieces, meshes[1].faces()[f].pieces);
+  }
+}
+
+CellGrid gridOf(const CutMesh& mesh) {
+  CellGrid grid;
+  for (const Vector3& p : mesh.restPositions())
+    grid.addPoint((p / kH).cast<float>());
+  for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p)
+    addPolyhedron(grid, mesh.loopsOf(p));
+  return grid;
+}
+
+/// Crossings of a horizontal ray with a polygon, and how near the point is to its border.
+struct Hit {
+  bool inside = false;
+  bool at_border = false;
+};
+Hit hit(const SliceMesh& mesh, const SlicePolygon& polygon, double u, double v) {
+  Hit found;
+  for (std::uint32_t i = 0; i < polygon.size; ++i) {
+    const SliceVertex& a = mesh.vertices[mesh.corners[polygon.first + i]];
+    const SliceVertex& b = mesh.vertices[mesh.corners[polygon.first + (i + 1) % polygon.size]];
+    if ((a.v > v) != (b.v > v) && u < (double(b.u) - a.u) * (v - a.v) / (double(b.v) - a.v) + a.u)
+      found.inside = !found.inside;
+    const Eigen::Vector2d along(double(b.u) - a.u, double(b.v) - a.v);
+    const Eigen::Vector2d to(u - a.u, v - a.v);
+    const double t = along.squaredNorm() > 0.0 ? std::clamp(to.dot(along) / along.squaredNorm(), 0.0, 1.0) : 0.0;
+    found.at_border |= (to - t * along).norm() < 0.01;
+  }
+  return found;
+}
+
+TEST(RandomCuts, SlicesTileTheCrossSection) {
+  std::mt19937 random(kSeed);
+  std::uniform_real_distribution<double> part(-1.0, 1.0);
+  std::uniform_real_distribution<double> pixel(0.0, 1000.0);
+  std::size_t tested = 0;
+  for (int n = 0; n < 10; ++n) {
+    CutBlock block(Vector3i::Constant(kCells));
+    RandomQuads quads(kSeed + 100 + unsigned(n));
+    for (int c = 0; c < kCutsOfBlock; ++c)
+      block.cut({quads.next()});
+    const CellGrid grid = gridOf(block.mesh);
+    const Vector3 target = Vector3::Constant(kCells / 2.0);
+    const Vector3 direction = Vector3(part(random), part(random), part(random) + 0.01).normalized();
+    Camera camera = Camera::lookAtParallel(target + 40.0 * direction, target, Vector3(0.1, 0.2, 1.0), 16.0, 1000, 1000);
+    camera.far_m = 100.0;
+    GridSlicer slicer;
+    slicer.setCells(grid.types, grid.offsets, grid.connectivity, grid.points.size());
+    slicer.transform(camera, grid.points, 1);
+    const auto range = slicer.depthRange(camera);
+    slicer.bucket(camera, planesThrough(range, range[0], (range[1] - range[0]) / 15, 15), {},
+                  {-1000000, -1000000, 1000000, 1000000}, false);
+    SliceMesh mesh;
+    slicer.slice(0, slicer.planeCount(), 1, mesh);
+    for (const Slice& slice : mesh.slices) {
+      for (int i = 0; i < 100; ++i) {
+        const double u = pixel(random);
+        const double v = pixel(random);
+        const Vector3 p =
+            camera.T_volume_camera * Vector3((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, slice.z_m);
+        const Vector3 margin = (p - target).cwiseAbs();
+        if (std::abs(margin.maxCoeff() - kCells / 2.0) < 1e-3)
+          continue;
+        int covering = 0;
+        bool at_border = false;
+        for (std::uint32_t k = 0; k < slice.polygon_count; ++k) {
+          const Hit found = hit(mesh, mesh.polygons[slice.first_polygon + k], u, v);
+          covering += found.inside ? 1 : 0;
+          at_border |= found.at_border;
+        }
+        if (at_border)
+          continue;
+        ASSERT_EQ(covering, margin.maxCoeff() < kCells / 2.0 ? 1 : 0) << "block " << n << " z " << slice.z_m;
+        ++tested;
+      }
+    }
+  }
+  EXPECT_GT(tested, 10000U);
+}
+
+}  // namespace
+}  // namespace soft_volume::core
