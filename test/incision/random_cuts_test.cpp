@@ -131,6 +131,101 @@ TEST(RandomCuts, AThousandLeaveSoundPieces) {
   EXPECT_GT(splits, 10000U);
 }
 
+/// The part of a polygon where coordinate `axis` times `sign` is at most `most`.
+std::vector<Vector3> clip(const std::vector<Vector3>& polygon, int axis, double sign, double most) {
+  std::vector<Vector3> kept;
+  for (std::size_t i = 0; i < polygon.size(); ++i) {
+    const Vector3& p = polygon[i];
+    const Vector3& q = polygon[(i + 1) % polygon.size()];
+    const double at_p = most - sign * p[axis];
+    const double at_q = most - sign * q[axis];
+    if (at_p >= 0.0)
+      kept.push_back(p);
+    if ((at_p >= 0.0) != (at_q >= 0.0))
+      kept.push_back(p + at_p / (at_p - at_q) * (q - p));
+  }
+  return kept;
+}
+
+double areaOf(const std::vector<Vector3>& polygon) {
+  std::vector<std::uint32_t> loop(polygon.size());
+  std::iota(loop.begin(), loop.end(), 0U);
+  return polygon.size() < 3 ? 0.0 : 0.5 * areaVector(polygon, loop).norm();
+}
+
+TEST(RandomCuts, OpenWhatTheBladePassedAndNothingElse) {
+  std::mt19937 random(kSeed);
+  std::uniform_real_distribution<double> part(0.0, 1.0);
+  double worst = 0.0;
+  double farthest = 0.0;
+  for (int n = 0; n < 200; ++n) {
+    const Vector3 middle(kCells * part(random), kCells * part(random), kCells * part(random));
+    const Vector3 normal(part(random) - 0.5, part(random) - 0.5, part(random) - 0.5001);
+    const double half = 0.5 + 4.0 * part(random);
+    const SweptQuad quad = squareQuad(middle * kH, normal, half * kH, part(random));
+    CutBlock block(Vector3i::Constant(kCells));
+    block.cut({quad});
+    std::vector<Vector3> passed(quad.begin(), quad.end());
+    for (int axis = 0; axis < 3; ++axis)
+      passed = clip(clip(passed, axis, 1.0, kCells * kH), axis, -1.0, 0.0);
+    double opened = 0.0;
+    for (const auto& face : block.mesh.faces()) {
+      if (!face.opened)
+        continue;
+      std::vector<Vector3> corners;
+      for (const std::uint32_t v : face.loop) {
+        corners.push_back(block.mesh.restPositions()[v]);
+        farthest = std::max(farthest, std::abs(normal.normalized().dot(corners.back() - middle * kH)) / kH);
+      }
+      opened += 0.5 * areaOf(corners);
+    }
+    // The border of the opened area may lie two snap distances beside the blade's.
+    const double border = 8 * half * 2 * block.resolution.snap;
+    const double error = std::abs(opened - areaOf(passed)) / (kH * kH);
+    worst = std::max(worst, error / border);
+    ASSERT_LT(error, border) << "cut " << n << ": " << opened / areaOf(passed);
+  }
+  std::printf("area within %.2f of the bound, lips within %.3f h of the blade's plane\n", worst, farthest);
+  EXPECT_LT(farthest, 0.5);
+}
+
+TEST(RandomCuts, DeformedTissueKeepsItsRestShape) {
+  for (int n = 0; n < 15; ++n) {
+    CutBlock block(Vector3i::Constant(kCells));
+    // Sheared, bent and twisted: cells are warped, and one step of x follows up to half a step of z.
+    block.deform([](const Vector3& p) {
+      const Vector3 q = p / (kCells * kH) * 3.0;
+      return Vector3(0.5 * p.z() + 0.6 * kH * std::sin(2 * q.y()), 0.8 * kH * std::sin(2 * q.x()),
+                     0.7 * kH * std::sin(q.x() + 2 * q.y()));
+    });
+    RandomQuads quads(kSeed + 200 + unsigned(n));
+    std::size_t splits = 0;
+    for (int c = 0; c < kCutsOfBlock; ++c)
+      splits += block.cut({quads.next()}).pieces_split;
+    EXPECT_GT(splits, 100U);
+    SCOPED_TRACE(n);
+    ASSERT_NO_FATAL_FAILURE(expectSound(block));
+    ASSERT_NO_FATAL_FAILURE(expectPairsFit(block.mesh));
+    ASSERT_EQ(islandVolumes(block.mesh).size(), countIslands(block.mesh));
+  }
+}
+
+TEST(RandomCuts, ManySmallOnesInOnePlaceStaySound) {
+  CutBlock block(Vector3i::Constant(3));
+  std::mt19937 random(kSeed);
+  std::uniform_real_distribution<double> part(0.0, 3.0);
+  std::size_t splits = 0;
+  for (int n = 0; n < 300; ++n) {
+    const Vector3 middle(part(random), part(random), part(random));
+    const Vector3 normal(part(random) - 1.5, part(random) - 1.5, part(random) - 1.49);
+    splits += block.cut({squareQuad(middle * kH, normal, 0.6 * kH, part(random))}).pieces_split;
+  }
+  std::printf("%zu splits, %zu pieces, %zu islands\n", splits, block.mesh.pieces().size(),
+              islandVolumes(block.mesh).size());
+  ASSERT_NO_FATAL_FAILURE(expectSound(block));
+  ASSERT_NO_FATAL_FAILURE(expectPairsFit(block.mesh));
+}
+
 TEST(RandomCuts, RepeatBitForBit) {
   std::vector<CutMesh> meshes;
   for (int n = 0; n < 2; ++n) {
