@@ -17,6 +17,8 @@ constexpr double kFlatQuad = 0.02;
 constexpr double kNarrowPatch = 3.0;
 /// How far a section may reach beyond the patch before it is split at the border, in snap distances.
 constexpr double kBorder = 1.5;
+/// How far vertices are snapped where a part would be too small otherwise, in snap distances.
+constexpr double kFarthestSnap = 4.0;
 /// Flatness of a section, in h: volumes are exact to about this.
 constexpr double kFlatSection = 1e-11;
 
@@ -167,8 +169,22 @@ class PatchCut {
                        [&](const Plane& side) { return side.distance(point) >= -slack_m; });
   }
 
+  /// A vertex just beyond the snap distance can make a part too small: such vertices are snapped, too, step by step.
+  std::optional<PieceSplit> planWithSnap(std::uint32_t piece, PlaneSides& sides) {
+    auto plan = planSplit(mesh_, piece, sides, limits_);
+    for (double steps = 1.5; !plan && steps <= kFarthestSnap; steps += 0.5) {
+      const std::vector<std::uint32_t> snapped = sides.snap(mesh_.verticesOf(piece), steps * snap_m_);
+      if (snapped.empty())
+        continue;
+      plan = planSplit(mesh_, piece, sides, limits_);
+      if (!plan)
+        sides.release(snapped);
+    }
+    return plan;
+  }
+
   bool split(std::uint32_t piece, PlaneSides& sides) {
-    const auto plan = planSplit(mesh_, piece, sides, limits_);
+    const auto plan = planWithSnap(piece, sides);
     if (!plan) {
       ++result_.splits_refused;
       return false;

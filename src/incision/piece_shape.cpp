@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <utility>
 
 namespace soft_volume::core {
@@ -10,6 +11,9 @@ namespace {
 using Edge = std::pair<std::uint32_t, std::uint32_t>;
 /// Cross products below this share of the edges' lengths have no direction.
 constexpr double kParallel = 1e-9;
+
+/// Cosine between the normals of two faces at an edge, below which one is taken to be folded onto the other.
+constexpr double kFolded = -0.998;
 
 template <typename Visit>
 void forEachEdge(const Polyhedron& solid, const Visit& visit) {
@@ -37,6 +41,21 @@ double extentAlong(const Polyhedron& solid, const Vector3& direction) {
     high = std::max(high, d);
   }
   return high - low;
+}
+
+/// How far a face rises over the plane of another one.
+double heightOver(const Polyhedron& solid, std::size_t plane, std::size_t face) {
+  const auto& loop = solid.loops[plane];
+  const Vector3 normal = areaVector(solid.points_m, loop).normalized();
+  double highest = 0.0;
+  for (const std::uint32_t v : solid.loops[face])
+    highest = std::max(highest, normal.dot(solid.points_m[v] - solid.points_m[loop[0]]));
+  return highest;
+}
+
+bool areAntiparallel(const Polyhedron& solid, std::size_t a, std::size_t b) {
+  const Vector3 normal = areaVector(solid.points_m, solid.loops[a]).normalized();
+  return normal.dot(areaVector(solid.points_m, solid.loops[b]).normalized()) < kFolded;
 }
 
 }  // namespace
@@ -77,11 +96,21 @@ double shortestEdge(const Polyhedron& solid) {
 }
 
 double deepestDent(const Polyhedron& solid) {
+  std::map<Edge, std::size_t> face_of;
+  for (std::size_t f = 0; f < solid.loops.size(); ++f) {
+    const auto& loop = solid.loops[f];
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      face_of[{loop[i], loop[(i + 1) % loop.size()]}] = f;
+  }
   double deepest = 0.0;
-  for (const auto& loop : solid.loops) {
-    const Vector3 normal = areaVector(solid.points_m, loop).normalized();
-    for (const Vector3& p : solid.points_m)
-      deepest = std::max(deepest, normal.dot(p - solid.points_m[loop[0]]));
+  for (const auto& [edge, face] : face_of) {
+    const auto other = face_of.find({edge.second, edge.first});
+    if (edge.first > edge.second || other == face_of.end())
+      continue;
+    if (areAntiparallel(solid, face, other->second))
+      return std::numeric_limits<double>::infinity();
+    deepest =
+        std::max(deepest, std::min(heightOver(solid, face, other->second), heightOver(solid, other->second, face)));
   }
   return deepest;
 }

@@ -15,7 +15,9 @@ namespace {
 using Loop = std::vector<std::uint32_t>;
 
 /// A dent may be this share of the piece's least width.
-constexpr double kDentOfWidth = 0.5;
+constexpr double kDentOfWidth = 0.25;
+/// Of a face, in squares of the least edge: a chord along a straight edge leaves none.
+constexpr double kLeastArea = 1e-2;
 constexpr double kNoTriangles = -std::numeric_limits<double>::infinity();
 
 Loop wayAround(const Loop& loop, std::uint32_t from, std::uint32_t to) {
@@ -168,6 +170,21 @@ class SplitPlan {
     (behind ? behind_ : front_).push_back(std::move(loop));
   }
 
+  /// A dented neighbour may have an edge where the chord through a common face would be: it would not stay closed.
+  bool hasEdge(std::int32_t neighbour, std::uint32_t a, std::uint32_t b) const {
+    if (neighbour == CutMesh::kNone)
+      return false;
+    for (const std::uint32_t f : mesh_.pieces()[static_cast<std::size_t>(neighbour)].faces) {
+      const Loop& loop = mesh_.faces()[f].loop;
+      for (std::size_t i = 0; i < loop.size(); ++i) {
+        const std::uint32_t next = loop[(i + 1) % loop.size()];
+        if ((loop[i] == a && next == b) || (loop[i] == b && next == a))
+          return true;
+      }
+    }
+    return false;
+  }
+
   bool addFace(std::uint32_t face) {
     const Loop loop = withPoints(mesh_.faces()[face].loop);
     const std::vector<Crossing> crossings = crossingsOf(loop);
@@ -180,6 +197,8 @@ class SplitPlan {
     const bool down_first = crossings[0].towards < 0;
     const std::uint32_t from = crossings[down_first ? 0 : 1].vertex;
     const std::uint32_t to = crossings[down_first ? 1 : 0].vertex;
+    if (hasEdge(mesh_.across(face, piece_), from, to))
+      return false;
     split_.chords.push_back({face, from, to});
     addLoop(face, wayAround(loop, from, to), true);
     addLoop(face, wayAround(loop, to, from), false);
@@ -249,7 +268,11 @@ class SplitPlan {
         solid.loops.back().push_back(found->second);
       }
     }
-    if (!isClosed(solid) || shortestEdge(solid) < limits_.least_edge_m || volumeOf(solid) <= 0.0)
+    const double least_area_m2 = kLeastArea * limits_.least_edge_m * limits_.least_edge_m;
+    const bool flat = std::any_of(solid.loops.begin(), solid.loops.end(), [&](const Loop& loop) {
+      return areaVector(solid.points_m, loop).norm() < least_area_m2;
+    });
+    if (flat || !isClosed(solid) || shortestEdge(solid) < limits_.least_edge_m || volumeOf(solid) <= 0.0)
       return false;
     const double dent = deepestDent(solid);
     const double width = std::max(limits_.least_width_m, dent / kDentOfWidth);
@@ -268,16 +291,29 @@ class SplitPlan {
 
 }  // namespace
 
-double PlaneSides::distance(std::uint32_t vertex) {
-  const auto [place, is_new] = distances_m_.insert({vertex, 0.0});
-  if (is_new)
-    place->second = plane_.distance((*positions_m_)[vertex]);
+const PlaneSides::Side& PlaneSides::sideOf(std::uint32_t vertex) {
+  const auto [place, is_new] = known_.insert({vertex, {0.0, 0}});
+  if (is_new) {
+    const double d = plane_.distance((*positions_m_)[vertex]);
+    place->second = {d, std::abs(d) <= snap_m_ ? 0 : d < 0.0 ? -1 : 1};
+  }
   return place->second;
 }
 
-int PlaneSides::sign(std::uint32_t vertex) {
-  const double d = distance(vertex);
-  return std::abs(d) <= snap_m_ ? 0 : d < 0.0 ? -1 : 1;
+std::vector<std::uint32_t> PlaneSides::snap(const std::vector<std::uint32_t>& vertices, double snap_m) {
+  std::vector<std::uint32_t> snapped;
+  for (const std::uint32_t v : vertices) {
+    if (sign(v) == 0 || std::abs(distance(v)) > snap_m)
+      continue;
+    known_[v].sign = 0;
+    snapped.push_back(v);
+  }
+  return snapped;
+}
+
+void PlaneSides::release(const std::vector<std::uint32_t>& vertices) {
+  for (const std::uint32_t v : vertices)
+    known_[v].sign = known_[v].distance_m < 0.0 ? -1 : 1;
 }
 
 std::optional<PieceSplit> planSplit(const CutMesh& mesh, std::uint32_t piece, PlaneSides& sides,

@@ -16,17 +16,26 @@ class PlaneSides {
   PlaneSides(const Plane& plane, double snap_m, const std::vector<Vector3>& positions_m)
       : plane_(plane), snap_m_(snap_m), positions_m_(&positions_m) {}
 
-  double distance(std::uint32_t vertex);
+  double distance(std::uint32_t vertex) { return sideOf(vertex).distance_m; }
   /// -1, 0 or 1.
-  int sign(std::uint32_t vertex);
+  int sign(std::uint32_t vertex) { return sideOf(vertex).sign; }
   /// For a vertex that was made on the plane.
-  void putOn(std::uint32_t vertex) { distances_m_[vertex] = 0.0; }
+  void putOn(std::uint32_t vertex) { known_[vertex] = {0.0, 0}; }
+  /// Takes vertices nearer than this to lie on the plane as well; returns those that were not.
+  std::vector<std::uint32_t> snap(const std::vector<std::uint32_t>& vertices, double snap_m);
+  /// Undoes it.
+  void release(const std::vector<std::uint32_t>& vertices);
 
  private:
   Plane plane_;
   double snap_m_;
   const std::vector<Vector3>* positions_m_;
-  std::unordered_map<std::uint32_t, double> distances_m_;
+  struct Side {
+    double distance_m;
+    int sign;
+  };
+  const Side& sideOf(std::uint32_t vertex);
+  std::unordered_map<std::uint32_t, Side> known_;
 };
 
 /// What every piece keeps, in metres at rest.

@@ -158,13 +158,17 @@ TEST(RandomCuts, OpenWhatTheBladePassedAndNothingElse) {
   std::uniform_real_distribution<double> part(0.0, 1.0);
   double worst = 0.0;
   double farthest = 0.0;
+  std::size_t splits = 0;
+  std::size_t refused = 0;
   for (int n = 0; n < 200; ++n) {
     const Vector3 middle(kCells * part(random), kCells * part(random), kCells * part(random));
     const Vector3 normal(part(random) - 0.5, part(random) - 0.5, part(random) - 0.5001);
     const double half = 0.5 + 4.0 * part(random);
     const SweptQuad quad = squareQuad(middle * kH, normal, half * kH, part(random));
     CutBlock block(Vector3i::Constant(kCells));
-    block.cut({quad});
+    const BladeCutResult result = block.cut({quad});
+    splits += result.pieces_split;
+    refused += result.splits_refused;
     std::vector<Vector3> passed(quad.begin(), quad.end());
     for (int axis = 0; axis < 3; ++axis)
       passed = clip(clip(passed, axis, 1.0, kCells * kH), axis, -1.0, 0.0);
@@ -179,14 +183,17 @@ TEST(RandomCuts, OpenWhatTheBladePassedAndNothingElse) {
       }
       opened += 0.5 * areaOf(corners);
     }
-    // The border of the opened area may lie two snap distances beside the blade's.
-    const double border = 8 * half * 2 * block.resolution.snap;
+    // The border of the opened area may lie two and a half snap distances beside the blade's.
+    const double border = 8 * half * 2.5 * block.resolution.snap;
     const double error = std::abs(opened - areaOf(passed)) / (kH * kH);
     worst = std::max(worst, error / border);
-    ASSERT_LT(error, border) << "cut " << n << ": " << opened / areaOf(passed);
+    EXPECT_LT(error, border) << "cut " << n << ": " << opened / areaOf(passed);
   }
-  std::printf("area within %.2f of the bound, lips within %.3f h of the blade's plane\n", worst, farthest);
-  EXPECT_LT(farthest, 0.5);
+  std::printf("area within %.2f of the bound, %zu of %zu splits refused, lips within %.3f h of the blade's plane\n",
+              worst, refused, farthest);
+  // Where a split was refused the lips run around the cell.
+  EXPECT_LT(farthest, 1.0);
+  EXPECT_LT(refused, splits / 50);
 }
 
 TEST(RandomCuts, DeformedTissueKeepsItsRestShape) {

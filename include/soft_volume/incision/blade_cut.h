@@ -15,8 +15,8 @@ struct CutResolution {
   double snap = 0.05;
   double least_edge = 0.04;
   double least_width = 0.04;
-  /// How far a vertex may lie outside a face's plane: snapping warps a section, whose triangles one of both parts then
-  /// has a shallow dent at.
+  /// Of an edge that is not convex (deepestDent() in piece_shape.h): snapping warps a section, and its triangles are a
+  /// shallow dent in one of both parts.
   double deepest_dent = 0.1;
 };
 

@@ -21,7 +21,9 @@ double volumeOf(const Polyhedron& solid);
 
 double shortestEdge(const Polyhedron& solid);
 
-/// How far a vertex lies outside the plane of a face at most, metres; 0 for a convex polyhedron.
+/// How deep the edge between two faces lies in a closed polyhedron at most: the less of the heights of either over the
+/// plane of the other, metres; 0 exactly for convex ones, infinite where one face is folded onto the other (within
+/// 3.6 degrees).
 double deepestDent(const Polyhedron& solid);
 
 /// Least distance of two parallel planes that have a closed polyhedron's convex hull between them, metres. Stops early,
