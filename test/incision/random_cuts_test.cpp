@@ -190,7 +190,7 @@ TEST(RandomCuts, OpenWhatTheBladePassedAndNothingElse) {
     EXPECT_LT(error, border) << "cut " << n << ": " << opened / areaOf(passed);
   }
   std::printf("area within %.2f of the bound, %zu of %zu splits refused, lips within %.3f h of the blade's plane\n",
-              worst, refused, farthest);
+              worst, refused, splits, farthest);
   // Where a split was refused the lips run around the cell.
   EXPECT_LT(farthest, 1.0);
   EXPECT_LT(refused, splits / 50);
