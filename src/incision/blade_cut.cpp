@@ -19,6 +19,8 @@ constexpr double kNarrowPatch = 3.0;
 constexpr double kBorder = 1.5;
 /// How far vertices are snapped where a part would be too small otherwise, in snap distances.
 constexpr double kFarthestSnap = 4.0;
+/// How far from a patch's border it may miss the patch before, in snap distances.
+constexpr double kJoint = 15.0;
 /// Flatness of a section, in h: volumes are exact to about this.
 constexpr double kFlatSection = 1e-11;
 
@@ -50,18 +52,29 @@ Vector3 centroidOf(const std::vector<Vector3>& polygon, const Vector3& normal) {
   return area > 0.0 ? Vector3(sum / area) : mean;
 }
 
-/// The work of one patch.
+/// The pieces at the lips of a stroke so far, and on which side of it: -1 or 1.
+using Lips = std::map<std::uint32_t, int>;
+
+double distanceFromSegment(const Vector3& p, const Vector3& a, const Vector3& b) {
+  const Vector3 along = b - a;
+  const double length2 = along.squaredNorm();
+  const double t = length2 > 0.0 ? std::clamp(along.dot(p - a) / length2, 0.0, 1.0) : 0.0;
+  return (p - a - t * along).norm();
+}
+
+/// The work of one patch. `lips` are those of the patches that it continues, and get its own.
 class PatchCut {
  public:
   PatchCut(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
            const CutResolution& resolution, const BladePatch& patch, double reach_m, std::vector<Vector3>& positions_m,
-           BladeCutResult& result)
+           Lips& lips, BladeCutResult& result)
       : mesh_(mesh),
         lattice_(lattice),
         materials_(materials),
         snap_m_(resolution.snap * lattice.spacing_m.minCoeff()),
         patch_(patch),
         positions_m_(positions_m),
+        lips_(lips),
         result_(result),
         blade_(patch.plane, snap_m_, positions_m) {
     const double h = lattice.spacing_m.minCoeff();
@@ -192,6 +205,8 @@ class PatchCut {
     for (std::size_t n = 0; n < plan->points.size(); ++n)
       touched_.insert(static_cast<std::uint32_t>(mesh_.vertexCount() + n));
     pieces_.push_back(applySplit(*plan, piece, mesh_, sides, positions_m_));
+    if (const auto lip = lips_.find(piece); lip != lips_.end())
+      lips_[pieces_.back()] = lip->second;
     ++result_.pieces_split;
     return true;
   }
@@ -207,11 +222,14 @@ class PatchCut {
       if (!enters(section))
         continue;
       for (std::size_t s = 0; s < borders_.size(); ++s) {
-        if (reachesBeyond(section, patch_.sides[s]) && split(piece, borders_[s])) {
+        if (!reachesBeyond(section, patch_.sides[s]))
+          continue;
+        if (split(piece, borders_[s])) {
           waiting.push_back(piece);
           waiting.push_back(pieces_.back());
           break;
         }
+        entered_.insert(piece);
       }
     }
   }
@@ -222,10 +240,13 @@ class PatchCut {
       if (!isCuttable(piece) || !sidesOf(piece).straddles())
         continue;
       const std::vector<Vector3> section = sectionOf(piece);
-      if (section.empty() || !covers(centroidOf(section, patch_.plane.normal), 0.0))
+      const bool entered = entered_.count(piece) > 0;
+      if (section.empty() || (!entered && !covers(centroidOf(section, patch_.plane.normal), 0.0)))
         continue;
       if (!split(piece, blade_))
         kept_whole_.insert(piece);
+      else if (entered)
+        entered_.insert(pieces_.back());
     }
   }
 
@@ -248,7 +269,7 @@ class PatchCut {
     return stand;
   }
 
-  bool isToOpen(const CutMesh::Face& face, const Stand& a, const Stand& b) {
+  bool isToOpen(const CutMesh::Face& face, const Stand& a, const Stand& b) const {
     if (a.side == b.side || !a.cuttable || !b.cuttable)
       return false;
     if (a.straddles || b.straddles)
@@ -256,7 +277,10 @@ class PatchCut {
     Vector3 middle = Vector3::Zero();
     for (const std::uint32_t v : face.loop)
       middle += positions_m_[v] / static_cast<double>(face.loop.size());
-    return covers(middle, snap_m_);
+    const bool entered = std::all_of(face.pieces.begin(), face.pieces.end(), [this](std::int32_t piece) {
+      return entered_.count(static_cast<std::uint32_t>(piece)) > 0;
+    });
+    return entered || covers(middle, snap_m_);
   }
 
   void openFaces() {
@@ -271,9 +295,43 @@ class PatchCut {
           to_open.insert(f);
       }
     }
+    Lips lips;
+    for (const std::uint32_t f : to_open) {
+      for (const std::int32_t piece : mesh_.faces()[f].pieces)
+        lips.insert({static_cast<std::uint32_t>(piece), stands.at(static_cast<std::uint32_t>(piece)).side});
+    }
+    collectJoints(lips, to_open);
     for (const std::uint32_t f : to_open)
       open(f);
+    for (const auto& [piece, side] : lips)
+      lips_[piece] = side;
     partVertices();
+  }
+
+  /// Where a lip of the patches before and an opposite one of this patch meet at a face across the blade, the two
+  /// sections have missed each other, because a split was refused or its place snapped.
+  void collectJoints(const Lips& lips, std::set<std::uint32_t>& to_open) const {
+    for (const auto& [piece, side] : lips_) {
+      if (const auto now = lips.find(piece); now != lips.end() && now->second != side)
+        continue;
+      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+        const auto other = lips.find(static_cast<std::uint32_t>(mesh_.across(f, piece)));
+        if (other != lips.end() && other->second != side && isAtBorder(mesh_.faces()[f]))
+          to_open.insert(f);
+      }
+    }
+  }
+
+  bool isAtBorder(const CutMesh::Face& face) const {
+    Vector3 middle = Vector3::Zero();
+    for (const std::uint32_t v : face.loop)
+      middle += positions_m_[v] / static_cast<double>(face.loop.size());
+    const auto count = patch_.corners.size();
+    for (std::size_t i = 0; i < count; ++i) {
+      if (distanceFromSegment(middle, patch_.corners[i], patch_.corners[(i + 1) % count]) < kJoint * snap_m_)
+        return true;
+    }
+    return false;
   }
 
   void open(std::uint32_t face) {
@@ -299,10 +357,12 @@ class PatchCut {
   ShapeLimits limits_{};
   const BladePatch& patch_;
   std::vector<Vector3>& positions_m_;
+  Lips& lips_;
   BladeCutResult& result_;
   PlaneSides blade_;
   std::vector<PlaneSides> borders_;
   std::vector<std::uint32_t> pieces_;   // near the patch
+  std::set<std::uint32_t> entered_;     // covered in part, but a part would be too small: taken to be covered
   std::set<std::uint32_t> kept_whole_;  // to be cut, but a part would be too small
   std::set<std::uint32_t> touched_;     // vertices that may have to be parted
 };
@@ -315,9 +375,13 @@ BladeCutResult cutMesh(CutMesh& mesh, const Lattice& lattice, const std::vector<
   const double h = lattice.spacing_m.minCoeff();
   const std::size_t vertices = mesh.vertexCount();
   BladeCutResult result;
-  for (const SweptQuad& quad : quads) {
+  Lips lips;
+  for (std::size_t n = 0; n < quads.size(); ++n) {
+    const SweptQuad& quad = quads[n];
+    if (n > 0 && (quad[0] != quads[n - 1][3] || quad[1] != quads[n - 1][2]))
+      lips.clear();
     for (const BladePatch& patch : patchesOf(quad, kFlatQuad * h, kNarrowPatch * resolution.snap * h))
-      PatchCut(mesh, lattice, materials, resolution, patch, reach_m, positions_m, result).run();
+      PatchCut(mesh, lattice, materials, resolution, patch, reach_m, positions_m, lips, result).run();
   }
   result.vertices_added = static_cast<std::uint32_t>(mesh.vertexCount() - vertices);
   return result;

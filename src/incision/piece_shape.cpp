@@ -79,6 +79,19 @@ bool isClosed(const Polyhedron& solid) {
   });
 }
 
+bool touchesOwnEdge(const Polyhedron& solid, double distance_m) {
+  bool touches = false;
+  forEachEdge(solid, [&](std::uint32_t a, std::uint32_t b) {
+    const Vector3 along = solid.points_m[b] - solid.points_m[a];
+    for (std::uint32_t v = 0; a < b && v < solid.points_m.size(); ++v) {
+      const Vector3 to = solid.points_m[v] - solid.points_m[a];
+      const double t = along.dot(to) / along.squaredNorm();
+      touches |= v != a && v != b && t > 0.0 && t < 1.0 && (to - t * along).squaredNorm() < distance_m * distance_m;
+    }
+  });
+  return touches;
+}
+
 double volumeOf(const Polyhedron& solid) {
   double sum = 0.0;
   const Vector3& origin = solid.points_m[0];

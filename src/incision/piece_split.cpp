@@ -18,6 +18,8 @@ using Loop = std::vector<std::uint32_t>;
 constexpr double kDentOfWidth = 0.25;
 /// Of a face, in squares of the least edge: a chord along a straight edge leaves none.
 constexpr double kLeastArea = 1e-2;
+/// Distance of a vertex from an edge that it seems to lie on, in least edges.
+constexpr double kTouching = 1e-3;
 constexpr double kNoTriangles = -std::numeric_limits<double>::infinity();
 
 Loop wayAround(const Loop& loop, std::uint32_t from, std::uint32_t to) {
@@ -272,7 +274,8 @@ class SplitPlan {
     const bool flat = std::any_of(solid.loops.begin(), solid.loops.end(), [&](const Loop& loop) {
       return areaVector(solid.points_m, loop).norm() < least_area_m2;
     });
-    if (flat || !isClosed(solid) || shortestEdge(solid) < limits_.least_edge_m || volumeOf(solid) <= 0.0)
+    if (flat || !isClosed(solid) || shortestEdge(solid) < limits_.least_edge_m || volumeOf(solid) <= 0.0 ||
+        touchesOwnEdge(solid, kTouching * limits_.least_edge_m))
       return false;
     const double dent = deepestDent(solid);
     const double width = std::max(limits_.least_width_m, dent / kDentOfWidth);

@@ -144,6 +144,28 @@ inline void expectConsistent(const CutMesh& mesh) {
   }
 }
 
+/// The pieces that hang together around an edge of a face, through faces with both of its ends. Other pieces at these
+/// ends may be across an incision whose front the ends lie on.
+inline std::set<std::uint32_t> piecesAroundEdge(const CutMesh& mesh, const CutMesh::Face& face, std::uint32_t a,
+                                                std::uint32_t b) {
+  const auto has = [](const std::vector<std::uint32_t>& loop, std::uint32_t v) {
+    return std::find(loop.begin(), loop.end(), v) != loop.end();
+  };
+  std::vector<std::uint32_t> waiting = {std::uint32_t(face.pieces[0])};
+  std::set<std::uint32_t> found(waiting.begin(), waiting.end());
+  while (!waiting.empty()) {
+    const std::uint32_t piece = waiting.back();
+    waiting.pop_back();
+    for (const std::uint32_t f : mesh.pieces()[piece].faces) {
+      const auto& loop = mesh.faces()[f].loop;
+      const std::int32_t other = mesh.across(f, piece);
+      if (other != CutMesh::kNone && has(loop, a) && has(loop, b) && found.insert(std::uint32_t(other)).second)
+        waiting.push_back(std::uint32_t(other));
+    }
+  }
+  return found;
+}
+
 /// No vertex of the pieces around an edge lies inside it.
 inline void expectNoTJunctions(const CutMesh& mesh, double slack_m) {
   const auto& places = mesh.restPositions();
@@ -153,10 +175,7 @@ inline void expectNoTJunctions(const CutMesh& mesh, double slack_m) {
       const std::uint32_t b = face.loop[(i + 1) % face.loop.size()];
       const Vector3 along = (places[b] - places[a]).normalized();
       const double length = (places[b] - places[a]).norm();
-      for (const std::uint32_t p : mesh.piecesAround(a)) {
-        const auto& around = mesh.piecesAround(b);
-        if (!std::binary_search(around.begin(), around.end(), p))
-          continue;
+      for (const std::uint32_t p : piecesAroundEdge(mesh, face, a, b)) {
         for (const std::uint32_t v : mesh.verticesOf(p)) {
           const double t = along.dot(places[v] - places[a]);
           const double off = (places[v] - places[a] - t * along).norm();

@@ -32,16 +32,19 @@ struct BladeCutResult {
 /// that it passes through.
 ///
 /// A quad is a planar patch where it is flat within 0.02 h and convex, two triangles otherwise; quads that share an
-/// edge leave no gap. Quads narrower than 3 snap distances are left out: join short sweeps first. A patch acts on the
-/// deformed tissue as follows.
+/// edge leave no gap. Quads narrower than 3 snap distances are left out: join short sweeps first (stroke.h). A patch
+/// acts on the deformed tissue as follows.
 /// 1. A piece that it covers only in part is split along the patch's border by a plane upright on it. These sections
-///    stay closed: the incision ends there, within 1.5 snap distances of the blade's end where the parts are large
-///    enough, otherwise where half of the piece's section is passed.
+///    stay closed: the incision ends there, within 1.5 snap distances of the blade's end; only where a part would be
+///    too small it goes on to the piece's faces.
 /// 2. Covered pieces are split by the patch's plane.
 /// 3. Faces between what lies on either side of the plane are opened where the patch covers them, and vertices parted
-///    that no longer hold together.
-/// A split that would leave a part smaller than the resolution allows is not made; the piece stays whole on the side
-/// of its middle and the cut runs around it. So the sides are parted without a gap in any case.
+///    that no longer hold together. Opposite lips of this patch and of those before it in the same
+///    call, whose quads joined edge to edge, are parted too where they meet at the border. So give a stroke's quads in
+///    one call where they are at hand.
+/// Where a part would be smaller than the resolution allows, vertices up to 4 snap distances away are taken to lie on
+/// the plane, too. If that does not help, the split is not made: the piece stays whole on the side of its middle and
+/// the cut runs around it. So the sides are parted without a gap in any case.
 ///
 /// Pieces of fixed materials are neither split nor parted from others. `positions_m` are the deformed positions, one
 /// per vertex, and get those of new vertices. `reach_m` bounds the distance of any vertex from rest. Quads are finite.

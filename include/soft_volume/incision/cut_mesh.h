@@ -10,8 +10,8 @@
 
 namespace soft_volume::core {
 
-/// A lattice whose cells are cut into pieces (incision method 2, dissertation section 4.4.2): convex polyhedra with
-/// planar faces, in the volume frame at rest, metres.
+/// A lattice whose cells are cut into pieces (incision method 2, dissertation section 4.4.2): polyhedra with planar
+/// faces, convex but for shallow dents where a cut went through a vertex near by, in the volume frame at rest, metres.
 ///
 /// Vertices, faces and pieces are numbered once and never renumbered; what is cut keeps its number for one part and the
 /// other part follows at the end. A face between two pieces is one object that both own, so neighbours have identical

@@ -16,6 +16,9 @@ struct Polyhedron {
 /// Every edge belongs to exactly two faces, which run along it in opposite directions.
 bool isClosed(const Polyhedron& solid);
 
+/// Whether a vertex lies nearer than this to the inside of an edge that it is no end of.
+bool touchesOwnEdge(const Polyhedron& solid, double distance_m);
+
 /// Enclosed volume, m3: exact for planar faces.
 double volumeOf(const Polyhedron& solid);
 

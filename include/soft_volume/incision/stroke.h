@@ -1,0 +1,44 @@
+#pragma once
+
+#include <vector>
+
+#include "soft_volume/tool/tool_command.h"
+
+namespace soft_volume::core {
+
+/// Joins the short sweeps of a blade into quads that are wide enough to cut with (see blade_cut.h), without gaps: every
+/// quad starts with exactly the edge where the one before ended, and the first and last edge are those of the sweeps.
+///
+/// A quad is complete when an end of the edge has moved by the stride since its start, or earlier when the blade would
+/// leave it by more than the tolerance, but never before its width is enough. So the incision is behind the blade by
+/// less than the stride. Not thread-safe.
+class Stroke {
+ public:
+  /// Lengths in metres: `least_width_m` of a quad, which what is left at the end of a stroke need not have.
+  struct Settings {
+    double stride_m;
+    double least_width_m;
+    double tolerance_m;
+  };
+  explicit Stroke(const Settings& settings) : settings_(settings) {}
+
+  /// Takes a sweep and appends the quads that became complete. A sweep that does not start with the edge where the last
+  /// one ended begins a new stroke.
+  void add(const SweptQuad& sweep, std::vector<SweptQuad>& quads);
+  /// Ends the stroke and appends what is left.
+  void end(std::vector<SweptQuad>& quads);
+
+ private:
+  struct Edge {
+    Vector3 tip;
+    Vector3 heel;
+    bool operator==(const Edge& other) const { return tip == other.tip && heel == other.heel; }
+  };
+  bool leaves(const Edge& next) const;
+  void emit(std::vector<SweptQuad>& quads);
+
+  Settings settings_;
+  std::vector<Edge> edges_;  // since the last quad ended; the first is where it did
+};
+
+}  // namespace soft_volume::core
