@@ -32,6 +32,9 @@ void addCells(Lattice& lattice, const std::vector<std::int32_t>& cell_materials)
   lattice.cells.resize(lattice.parent_cells.size());
   lattice.rest_stretch.assign(lattice.cells.size(), Vector3::Ones());
   lattice.cut_faces.assign(lattice.cells.size(), {});
+  lattice.shares.assign(lattice.cells.size(), 1.0);
+  lattice.surface_shares.assign(lattice.cells.size(), {1.0, 1.0, 1.0, 1.0, 1.0, 1.0});
+  lattice.next_cells.assign(lattice.cells.size(), Lattice::kNone);
 }
 
 std::size_t cornerNode(const Lattice& lattice, const Vector3i& index, int corner) {
@@ -112,6 +115,37 @@ Lattice makeLattice(const Vector3i& dims, const Vector3& spacing_m, const Vector
   addVertices(lattice);
   addNeighbours(lattice);
   return lattice;
+}
+
+std::uint32_t copyCell(Lattice& lattice, std::uint32_t cell) {
+  const auto copy = static_cast<std::uint32_t>(lattice.cellCount());
+  std::uint32_t last = cell;
+  while (lattice.next_cells[last] != Lattice::kNone)
+    last = static_cast<std::uint32_t>(lattice.next_cells[last]);
+  lattice.next_cells[last] = static_cast<std::int32_t>(copy);
+  // By value: a reference would not outlive the growth of what it is appended to.
+  const auto append = [cell](auto& values) {
+    values.push_back(typename std::decay_t<decltype(values)>::value_type(values[cell]));
+  };
+  append(lattice.cells);
+  append(lattice.parent_cells);
+  append(lattice.materials);
+  append(lattice.rest_stretch);
+  append(lattice.face_neighbours);
+  append(lattice.cut_faces);
+  append(lattice.surface_shares);
+  lattice.shares.push_back(0.0);
+  lattice.next_cells.push_back(Lattice::kNone);
+  return copy;
+}
+
+std::uint32_t replicateVertex(Lattice& lattice, std::uint32_t vertex) {
+  const auto replica = static_cast<std::uint32_t>(lattice.vertexCount());
+  lattice.rest_positions.push_back(Vector3(lattice.rest_positions[vertex]));
+  lattice.fixed.push_back(std::uint8_t(lattice.fixed[vertex]));
+  lattice.origin_vertices.push_back(vertex);
+  lattice.lattice_nodes.push_back(std::uint32_t(lattice.lattice_nodes[vertex]));
+  return replica;
 }
 
 Topology makeTopology(const Lattice& lattice, const VolumeGeometry& volume, std::uint64_t session) {

@@ -124,15 +124,6 @@ std::vector<int> groupByFaces(const Lattice& lattice, const std::vector<std::uin
   return group;
 }
 
-std::uint32_t replicate(Lattice& lattice, std::uint32_t vertex) {
-  const auto replica = static_cast<std::uint32_t>(lattice.vertexCount());
-  lattice.rest_positions.push_back(Vector3(lattice.rest_positions[vertex]));
-  lattice.fixed.push_back(std::uint8_t(lattice.fixed[vertex]));
-  lattice.origin_vertices.push_back(vertex);
-  lattice.lattice_nodes.push_back(std::uint32_t(lattice.lattice_nodes[vertex]));
-  return replica;
-}
-
 /// Gives every group of cells around the vertex but the first a replica of its own.
 std::uint32_t splitVertex(Lattice& lattice, std::uint32_t vertex) {
   const std::vector<std::uint32_t> cells = cellsAround(lattice, vertex);
@@ -144,7 +135,7 @@ std::uint32_t splitVertex(Lattice& lattice, std::uint32_t vertex) {
       continue;
     std::int64_t& number = replica[group[n]];
     if (number < 0) {
-      number = replicate(lattice, vertex);
+      number = replicateVertex(lattice, vertex);
       ++added;
     }
     auto& vertices = lattice.cells[cells[n]];

@@ -117,16 +117,17 @@ double bendingReliefShare(const CornerPair& pair) {
 
 double dissertationStrength(const Lattice& lattice, const std::vector<Material>& materials) {
   double modulus_sum_pa = 0.0;
-  std::size_t cells = 0;
-  for (const std::uint16_t m : lattice.materials) {
-    if (materials[m].fixed)
+  double cells = 0.0;
+  for (std::size_t cell = 0; cell < lattice.cellCount(); ++cell) {
+    const Material& material = materials[lattice.materials[cell]];
+    if (material.fixed)
       continue;
-    modulus_sum_pa += materials[m].youngs_modulus_pa;
-    ++cells;
+    modulus_sum_pa += lattice.shares[cell] * material.youngs_modulus_pa;
+    cells += lattice.shares[cell];
   }
-  if (cells == 0)
+  if (cells <= 0.0)
     throw SceneError("every cell is of a fixed material: one spring strength for all needs tissue that can move");
-  return 1.2 * (modulus_sum_pa / double(cells)) * lattice.spacing_m.mean() / (13.0 / 3.0);
+  return 1.2 * (modulus_sum_pa / cells) * lattice.spacing_m.mean() / (13.0 / 3.0);
 }
 
 double bulkTimeStepLimit(const Material& material, const Vector3& spacing_m) {

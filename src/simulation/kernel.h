@@ -63,6 +63,10 @@ struct KernelView {
   Real* corner_force;            ///< [cell blocks][8][3][lanes]: force of a cell on its corners
   const std::uint32_t* cell_of;  ///< [8][vertex_stride]: place of the cell in which the vertex is corner c, or of none
   std::size_t vertex_stride;
+  /// Where several cells have a vertex as the same corner: rows [more_begin[block], more_begin[block + 1]) of places of
+  /// further corner forces, one for each vertex of the block. Null where there are none.
+  const std::uint32_t* more_begin;
+  const std::uint32_t* more_cells;
 
   Real gravity[3];
   bool nearest_of_all;  ///< nearest neighbour along any spring, not along cell edges alone

@@ -159,13 +159,22 @@ SOFT_VOLUME_INLINE Pack3<Real> broadcast(const Real (&v)[3]) {
 // --- forces
 
 template <typename Real>
-SOFT_VOLUME_INLINE void addVolumeForces(const KernelView<Real>& view, std::size_t at, Pack3<Real>& force) {
+SOFT_VOLUME_INLINE void addVolumeForces(const KernelView<Real>& view, std::uint32_t block, Pack3<Real>& force) {
+  const std::size_t at = block * kLanes<Real>;
   for (int c = 0; c < 8; ++c) {
     const std::uint32_t* index = view.cell_of + c * view.vertex_stride + at;
     const Real* values = view.corner_force + 3 * c * kLanes<Real>;
     force.x += gather(values, index);
     force.y += gather(values + kLanes<Real>, index);
     force.z += gather(values + 2 * kLanes<Real>, index);
+  }
+  if (view.more_begin == nullptr)
+    return;
+  for (std::uint32_t row = view.more_begin[block]; row < view.more_begin[block + 1]; ++row) {
+    const std::uint32_t* index = view.more_cells + row * kLanes<Real>;
+    force.x += gather(view.corner_force, index);
+    force.y += gather(view.corner_force + kLanes<Real>, index);
+    force.z += gather(view.corner_force + 2 * kLanes<Real>, index);
   }
 }
 
@@ -201,7 +210,7 @@ void forces(const KernelView<Real>& view, const std::uint32_t* blocks, std::size
         nearest = smaller<Real>(nearest, k > Real(0) ? squared : huge);
     }
     if (view.corner_force != nullptr)
-      addVolumeForces(view, at, force);
+      addVolumeForces(view, block, force);
     store3<Real>(view.force, at, force);
     store<Real>(view.nearest_squared + at, nearest);
   }

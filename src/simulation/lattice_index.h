@@ -1,9 +1,9 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
+#include "soft_volume/grid/hexahedron.h"
 #include "soft_volume/grid/lattice.h"
 
 namespace soft_volume::core {
@@ -27,8 +27,26 @@ class LatticeIndex {
       visit(node_vertices_[n]);
   }
 
-  /// The cells around a vertex, at most eight, by corner number; returns how many.
-  int cellsOf(std::uint32_t vertex, std::array<CellCorner, 8>& cells) const;
+  /// Calls visit(CellCorner) for the cells around a vertex, by corner number. At the end of an incision several copies
+  /// of one cell may meet in a vertex, as the same corner.
+  template <typename Visit>
+  void forEachCell(std::uint32_t vertex, const Visit& visit) const {
+    const Vector3i& dims = lattice_->dims;
+    const int node = static_cast<int>(lattice_->lattice_nodes[vertex]);
+    const Vector3i place(node % (dims.x() + 1), (node / (dims.x() + 1)) % (dims.y() + 1),
+                         node / ((dims.x() + 1) * (dims.y() + 1)));
+    for (std::uint8_t c = 0; c < 8; ++c) {
+      const Vector3i at =
+          place - Vector3i(kHexahedronCorners[c][0], kHexahedronCorners[c][1], kHexahedronCorners[c][2]);
+      if ((at.array() < 0).any() || (at.array() >= dims.array()).any())
+        continue;
+      for (std::int32_t cell = lattice_->cell_at[lattice_->latticeCell(at.x(), at.y(), at.z())]; cell != Lattice::kNone;
+           cell = lattice_->next_cells[static_cast<std::size_t>(cell)]) {
+        if (lattice_->cells[static_cast<std::size_t>(cell)][c] == vertex)
+          visit(CellCorner{static_cast<std::uint32_t>(cell), c});
+      }
+    }
+  }
 
   std::size_t bytes() const { return (node_begin_.capacity() + node_vertices_.capacity()) * sizeof(std::uint32_t); }
 

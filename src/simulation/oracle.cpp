@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 #include <utility>
 
 namespace soft_volume::core {
@@ -155,15 +156,16 @@ void OracleModel::useIsotropicRule(const std::vector<Material>& materials) {
 }
 
 void OracleModel::useDissertationRule(double strength_n_m) {
-  std::map<std::pair<std::uint32_t, std::uint32_t>, int> owners;
+  // Cells at one place count once: together they are one cell.
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::set<std::uint32_t>> owners;
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
     for (const CornerPair& pair : kCornerPairs)
-      ++owners[pairVertices(*lattice_, cell, pair)];
+      owners[pairVertices(*lattice_, cell, pair)].insert(lattice_->parent_cells[cell]);
   }
   stiffness_n_m_.resize(lattice_->cellCount());
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
     for (std::size_t s = 0; s < kCornerPairs.size(); ++s)
-      stiffness_n_m_[cell][s] = strength_n_m / owners[pairVertices(*lattice_, cell, kCornerPairs[s])];
+      stiffness_n_m_[cell][s] = strength_n_m / double(owners[pairVertices(*lattice_, cell, kCornerPairs[s])].size());
     stiffness_row_.push_back(static_cast<std::uint32_t>(cell));
   }
 }
@@ -195,6 +197,7 @@ CellCorners OracleModel::corners(std::size_t cell, const std::vector<Vector3>& d
 void OracleModel::addCellForces(std::size_t cell, const std::vector<Vector3>& displacements_m,
                                 std::vector<Vector3>& forces_n) const {
   const CellCorners here = corners(cell, displacements_m);
+  const double share = lattice_->shares[cell];
   CellCorners forces = noForces();
   addSpringForces(here, stiffness_n_m_[stiffness_row_[cell]], rest_length_m_[length_row_[cell]], forces);
   addReliefForces(here, relief_n_m_[lattice_->materials[cell]], forces);
@@ -202,7 +205,7 @@ void OracleModel::addCellForces(std::size_t cell, const std::vector<Vector3>& di
   if (rest.modulus_pa > 0.0)
     addVolumeForces(here, rest.modulus_pa, rest.rest_m3, forces);
   for (int c = 0; c < 8; ++c)
-    forces_n[lattice_->cells[cell][c]] += forces[c];
+    forces_n[lattice_->cells[cell][c]] += share * forces[c];
 }
 
 void OracleModel::addForces(const std::vector<Vector3>& displacements_m, std::vector<Vector3>& forces_n) const {
@@ -213,12 +216,13 @@ void OracleModel::addForces(const std::vector<Vector3>& displacements_m, std::ve
 double OracleModel::energy(const std::vector<Vector3>& displacements_m) const {
   double energy = 0.0;
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
+    const double share = lattice_->shares[cell];
     const CellCorners here = corners(cell, displacements_m);
-    energy += springEnergy(here, stiffness_n_m_[stiffness_row_[cell]], rest_length_m_[length_row_[cell]]);
-    energy += reliefEnergy(here, relief_n_m_[lattice_->materials[cell]]);
+    energy += share * springEnergy(here, stiffness_n_m_[stiffness_row_[cell]], rest_length_m_[length_row_[cell]]);
+    energy += share * reliefEnergy(here, relief_n_m_[lattice_->materials[cell]]);
     const Volume rest = volume(cell);
     const double growth = meanDeterminant(here) / rest.rest_m3 - 1.0;
-    energy += 0.5 * rest.modulus_pa * rest.rest_m3 * growth * growth;
+    energy += share * (0.5 * rest.modulus_pa * rest.rest_m3 * growth * growth);
   }
   return energy;
 }
@@ -227,7 +231,7 @@ std::vector<double> OracleModel::stiffnessSums() const {
   std::vector<double> sums(lattice_->vertexCount(), 0.0);
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
     for (std::size_t s = 0; s < kCornerPairs.size(); ++s) {
-      const double k = stiffness_n_m_[stiffness_row_[cell]][s];
+      const double k = lattice_->shares[cell] * stiffness_n_m_[stiffness_row_[cell]][s];
       sums[lattice_->cells[cell][kCornerPairs[s].a]] += k;
       sums[lattice_->cells[cell][kCornerPairs[s].b]] += k;
     }
@@ -251,7 +255,8 @@ std::vector<double> oracleMasses(const Lattice& lattice, const std::vector<Mater
   std::vector<double> masses(lattice.vertexCount(), 0.0);
   for (std::size_t cell = 0; cell < lattice.cellCount(); ++cell) {
     for (const std::uint32_t v : lattice.cells[cell])
-      masses[v] += materials[lattice.materials[cell]].density_kg_m3 * lattice.spacing_m.prod() / 8.0;
+      masses[v] +=
+          lattice.shares[cell] * (materials[lattice.materials[cell]].density_kg_m3 * lattice.spacing_m.prod() / 8.0);
   }
   if (rule != SpringRule::kDissertation)
     return masses;
@@ -342,7 +347,8 @@ void OracleSimulation::findRoom() {
   std::fill(shortest_squared_m2_.begin(), shortest_squared_m2_.end(), std::numeric_limits<double>::infinity());
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
     const CellCorners corners = model_.corners(cell, displacements_m_);
-    const AltitudeSpring& spring = altitude_springs_[lattice_->materials[cell]];
+    AltitudeSpring spring = altitude_springs_[lattice_->materials[cell]];
+    spring.stiffness_n_m *= lattice_->shares[cell];
     for (int t = 0; t < 8; ++t) {
       const CornerEdges edges = cornerEdges(corners, t);
       const double width = cornerWidth(edges);

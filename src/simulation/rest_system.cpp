@@ -12,29 +12,6 @@ namespace {
 constexpr int kPowerIterations = 1000;
 constexpr double kPowerTolerance = 1e-7;
 
-/// The lattice without its incisions.
-Lattice healed(const Lattice& lattice) {
-  Lattice whole = lattice;
-  std::size_t vertices = 0;
-  while (vertices < lattice.vertexCount() && lattice.origin_vertices[vertices] == vertices)
-    ++vertices;
-  if (vertices == lattice.vertexCount())
-    return whole;
-  for (auto& cell : whole.cells) {
-    for (std::uint32_t& v : cell) {
-      while (lattice.origin_vertices[v] != v)
-        v = lattice.origin_vertices[v];
-    }
-  }
-  whole.rest_positions.resize(vertices);
-  whole.fixed.resize(vertices);
-  whole.origin_vertices.resize(vertices);
-  whole.lattice_nodes.resize(vertices);
-  for (Vector3& stretch : whole.rest_stretch)
-    stretch = Vector3::Ones();
-  return whole;
-}
-
 /// Gradient of J V at the corners of a box: an eighth of the sum of the corner determinants.
 std::array<Vector3, 8> restVolumeGradient(const Vector3& h) {
   const Vector3 areas(h.y() * h.z(), h.z() * h.x(), h.x() * h.y());
@@ -48,35 +25,64 @@ std::array<Vector3, 8> restVolumeGradient(const Vector3& h) {
 
 }  // namespace
 
+Lattice healed(const Lattice& lattice) {
+  Lattice whole = lattice;
+  std::size_t vertices = 0;
+  while (vertices < lattice.vertexCount() && lattice.origin_vertices[vertices] == vertices)
+    ++vertices;
+  std::size_t cells = 0;
+  while (cells < lattice.cellCount() && lattice.cell_at[lattice.parent_cells[cells]] == std::int32_t(cells))
+    ++cells;
+  if (vertices == lattice.vertexCount() && cells == lattice.cellCount())
+    return whole;
+  whole.cells.resize(cells);
+  whole.parent_cells.resize(cells);
+  whole.materials.resize(cells);
+  whole.face_neighbours.resize(cells);
+  whole.cut_faces.resize(cells);
+  whole.surface_shares.assign(cells, {1.0, 1.0, 1.0, 1.0, 1.0, 1.0});
+  whole.rest_stretch.assign(cells, Vector3::Ones());
+  whole.shares.assign(cells, 1.0);
+  whole.next_cells.assign(cells, Lattice::kNone);
+  for (auto& cell : whole.cells) {
+    for (std::uint32_t& v : cell) {
+      while (lattice.origin_vertices[v] != v)
+        v = lattice.origin_vertices[v];
+    }
+  }
+  whole.rest_positions.resize(vertices);
+  whole.fixed.resize(vertices);
+  whole.origin_vertices.resize(vertices);
+  whole.lattice_nodes.resize(vertices);
+  return whole;
+}
+
 RestSystem::RestSystem(const Lattice& lattice, SpringRule rule, const SpringModel& model) {
-  const Lattice whole = healed(lattice);
-  const LatticeIndex index(whole);
+  const LatticeIndex index(lattice);
   for (std::size_t d = 0; d < kDirections; ++d)
     unit_[d] = model.offsets_m[d].normalized();
   linear_ = model.linear;
-  mass_kg_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(3 * whole.vertexCount()));
+  mass_kg_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(3 * lattice.vertexCount()));
   row_begin_.push_back(0);
   VertexRow row;
-  for (std::uint32_t v = 0; v < whole.vertexCount(); ++v) {
-    if (!isFixed(whole, rule, v)) {
-      makeRow(whole, index, model, v, row);
+  for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v) {
+    if (!isFixed(lattice, rule, v)) {
+      makeRow(lattice, index, model, v, row);
       mass_kg_.segment<3>(3 * Eigen::Index(v)).setConstant(row.mass_kg);
-      for (int n = 0; n < row.count; ++n) {
-        const MergedSpring& spring = row.springs[static_cast<std::size_t>(n)];
+      for (const MergedSpring& spring : row.springs)
         entries_.push_back({spring.neighbour, spring.direction, spring.stiffness_n_m});
-      }
     }
     row_begin_.push_back(static_cast<std::uint32_t>(entries_.size()));
   }
   if (!model.has_volume_energy)
     return;
-  volume_gradient_ = restVolumeGradient(whole.spacing_m);
-  for (std::size_t c = 0; c < whole.cellCount(); ++c) {
-    const double modulus_pa = model.materials[whole.materials[c]].volume_pa;
+  volume_gradient_ = restVolumeGradient(lattice.spacing_m);
+  for (std::size_t c = 0; c < lattice.cellCount(); ++c) {
+    const double modulus_pa = lattice.shares[c] * model.materials[lattice.materials[c]].volume_pa;
     if (modulus_pa <= 0.0)
       continue;
-    cells_.push_back(whole.cells[c]);
-    cell_modulus_n_m_.push_back(modulus_pa / whole.spacing_m.prod());
+    cells_.push_back(lattice.cells[c]);
+    cell_modulus_n_m_.push_back(modulus_pa / lattice.spacing_m.prod());
   }
 }
 

@@ -9,9 +9,12 @@
 
 namespace soft_volume::core {
 
-/// The linear equations of motion of a whole lattice around rest, M x'' + K x = f, incisions healed: what time steps
-/// and damping are chosen by. It does not depend on incisions so that a run that continues from a checkpoint chooses
-/// alike.
+/// The lattice without its incisions. What is chosen by it does not depend on them, so that a run that continues from a
+/// checkpoint chooses alike.
+Lattice healed(const Lattice& lattice);
+
+/// The linear equations of motion of a whole lattice around rest, M x'' + K x = f: what time steps and damping are
+/// chosen by.
 class RestSystem {
  public:
   RestSystem(const Lattice& lattice, SpringRule rule, const SpringModel& model);

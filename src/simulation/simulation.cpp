@@ -209,7 +209,7 @@ Simulation::Impl::Impl(const Lattice& l, const std::vector<Material>& m, const S
 
 /// The slowest mode of the lattice: to it damping ratios refer. A free lattice stretches along its longest side.
 double Simulation::Impl::dampingFrequency() const {
-  const double lowest = RestSystem(*lattice, settings.spring_rule, model).lowestFrequency();
+  const double lowest = RestSystem(healed(*lattice), settings.spring_rule, model).lowestFrequency();
   if (lowest > 0.0)
     return lowest;
   double speed = std::numeric_limits<double>::infinity();
@@ -220,7 +220,7 @@ double Simulation::Impl::dampingFrequency() const {
 
 double Simulation::Impl::stabilityLimit() const {
   if (!limit_s) {
-    const double frequency = RestSystem(*lattice, settings.spring_rule, model).largestFrequency();
+    const double frequency = RestSystem(healed(*lattice), settings.spring_rule, model).largestFrequency();
     limit_s = frequency > 0.0 ? 2.0 / frequency : std::numeric_limits<double>::infinity();
   }
   return *limit_s;
@@ -360,15 +360,15 @@ double Simulation::Impl::frontierError() const {
   std::vector<Vector3> held_n(lattice->vertexCount(), Vector3::Zero());
   std::vector<std::uint8_t> deformed(lattice->vertexCount(), 0);
   double modulus_pa = 0.0;
-  std::size_t cells = 0;
+  double cells = 0.0;
   for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
     const auto& vertices = lattice->cells[cell];
     if (std::all_of(vertices.begin(), vertices.end(),
                     [this](std::uint32_t v) { return state.displacements_m[v].isZero(0.0); }))
       continue;
     oracleModel().addCellForces(cell, state.displacements_m, held_n);
-    modulus_pa += (*materials)[lattice->materials[cell]].youngs_modulus_pa;
-    ++cells;
+    modulus_pa += lattice->shares[cell] * (*materials)[lattice->materials[cell]].youngs_modulus_pa;
+    cells += lattice->shares[cell];
     for (const std::uint32_t v : vertices)
       deformed[v] = 1;
   }
@@ -381,10 +381,10 @@ double Simulation::Impl::frontierError() const {
     if (deformed[v] && !isFixed(*lattice, settings.spring_rule, v))
       force += held_n[v];
   }
-  if (cells == 0)
+  if (cells <= 0.0)
     return 0.0;
-  const double radius_m = std::cbrt(1.5 / M_PI * double(cells) * lattice->spacing_m.prod());
-  return kHalfSpaceYield * force.norm() / (modulus_pa / double(cells) * radius_m);
+  const double radius_m = std::cbrt(1.5 / M_PI * cells * lattice->spacing_m.prod());
+  return kHalfSpaceYield * force.norm() / (modulus_pa / cells * radius_m);
 }
 
 // --- what acts from outside
@@ -415,7 +415,7 @@ void Simulation::Impl::findPressedFaces() {
         if (!pressure.region_m.contains(centre))
           continue;
         pressed_faces.push_back(vertices);
-        pressed_pa.push_back(pressure.pressure_pa);
+        pressed_pa.push_back(lattice->surface_shares[cell][face] * pressure.pressure_pa);
       }
     }
   }
@@ -498,6 +498,8 @@ void Simulation::Impl::adoptTopology() {
     state.velocities_m_s.push_back(state.velocities_m_s[origin]);
     positions_m.push_back(positions_m[origin]);
   }
+  for (std::size_t cell = state.lifetimes.size(); cell < lattice->cellCount(); ++cell)
+    state.lifetimes.push_back(state.lifetimes[std::size_t(lattice->cell_at[lattice->parent_cells[cell]])]);
   index.refresh();
   oracle.reset();
   pressed_faces.clear();
@@ -539,9 +541,8 @@ const std::vector<Vector3>& Simulation::Impl::forces() const {
 
 /// Altitude springs in the clear form, on all cells.
 void Simulation::Impl::addAltitudeForces(const OracleModel& oracle) const {
-  for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
-    const AltitudeSpring spring{model.materials[lattice->materials[cell]].altitude_n_m,
-                                kAltitudeWidth * model.shortest_edge_m};
+  for (std::uint32_t cell = 0; cell < lattice->cellCount(); ++cell) {
+    const AltitudeSpring spring{altitudeStiffness(*lattice, model, cell), kAltitudeWidth * model.shortest_edge_m};
     const CellCorners corners = oracle.corners(cell, state.displacements_m);
     for (int t = 0; t < 8; ++t) {
       const CornerWidth width = cornerWidthGradient(cornerEdges(corners, t));
@@ -553,9 +554,8 @@ void Simulation::Impl::addAltitudeForces(const OracleModel& oracle) const {
 
 double Simulation::Impl::altitudeEnergy(const OracleModel& oracle) const {
   double energy = 0.0;
-  for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
-    const AltitudeSpring spring{model.materials[lattice->materials[cell]].altitude_n_m,
-                                kAltitudeWidth * model.shortest_edge_m};
+  for (std::uint32_t cell = 0; cell < lattice->cellCount(); ++cell) {
+    const AltitudeSpring spring{altitudeStiffness(*lattice, model, cell), kAltitudeWidth * model.shortest_edge_m};
     const CellCorners corners = oracle.corners(cell, state.displacements_m);
     for (int t = 0; t < 8; ++t)
       energy += spring.energy(cornerWidth(cornerEdges(corners, t)));
@@ -898,13 +898,11 @@ Vector3 Simulation::forceOn(std::uint32_t vertex) const {
 }
 
 double Simulation::mass(std::uint32_t vertex) const {
-  std::array<CellCorner, 8> around;
-  const int count = impl_->index.cellsOf(vertex, around);
+  const Lattice& lattice = *impl_->lattice;
   double mass_kg = 0.0;
-  for (int n = 0; n < count; ++n) {
-    const std::uint32_t cell = around[static_cast<std::size_t>(n)].cell;
-    mass_kg += impl_->model.materials[impl_->lattice->materials[cell]].corner_mass_kg;
-  }
+  impl_->index.forEachCell(vertex, [&](const CellCorner& at) {
+    mass_kg += lattice.shares[at.cell] * impl_->model.materials[lattice.materials[at.cell]].corner_mass_kg;
+  });
   const bool heavy = impl_->settings.spring_rule == SpringRule::kDissertation && impl_->lattice->fixed[vertex];
   return heavy ? kDissertationRigidMass * mass_kg : mass_kg;
 }
@@ -936,7 +934,8 @@ std::vector<MemoryUse> Simulation::memory() const {
                                   bytes(lattice.rest_stretch) + bytes(lattice.face_neighbours) +
                                   bytes(lattice.cut_faces) + bytes(lattice.rest_positions) + bytes(lattice.fixed) +
                                   bytes(lattice.origin_vertices) + bytes(lattice.lattice_nodes) +
-                                  bytes(lattice.cell_at) + impl.index.bytes()});
+                                  bytes(lattice.cell_at) + bytes(lattice.shares) + bytes(lattice.surface_shares) +
+                                  bytes(lattice.next_cells) + impl.index.bytes()});
   table.push_back({"state", bytes(impl.state.displacements_m) + bytes(impl.state.velocities_m_s) +
                                 bytes(impl.state.lifetimes) + bytes(impl.positions_m)});
   table.push_back({"active set", bytes(impl.active_cells) + bytes(impl.moving) + bytes(impl.restless) +

@@ -67,15 +67,13 @@ void SolveSet<Real>::numberVertices(const SpringModel& model, const std::vector<
     }
   };
   const auto addAround = [&](std::size_t begin, std::size_t end) {
-    std::array<CellCorner, 8> around;
     for (std::size_t n = begin; n < end; ++n) {
       if (fixed(vertices_[n]))
         continue;
-      const int count = index_->cellsOf(vertices_[n], around);
-      for (int c = 0; c < count; ++c) {
-        for (const std::uint32_t v : lattice_->cells[around[static_cast<std::size_t>(c)].cell])
+      index_->forEachCell(vertices_[n], [&](const CellCorner& at) {
+        for (const std::uint32_t v : lattice_->cells[at.cell])
           add(v);
-      }
+      });
     }
   };
   for (const std::uint32_t cell : active_cells) {
@@ -120,16 +118,13 @@ void SolveSet<Real>::numberCells(bool with_volume_energy) {
   cells_.clear();
   const auto addCells = [&](const std::vector<std::uint32_t>& vertices) {
     const std::size_t before = cells_.size();
-    std::array<CellCorner, 8> around;
     for (const std::uint32_t v : vertices) {
-      const int count = index_->cellsOf(vertices_[v], around);
-      for (int c = 0; c < count; ++c) {
-        const std::uint32_t cell = around[static_cast<std::size_t>(c)].cell;
-        if (local_cell_[cell] == kAbsent) {
-          local_cell_[cell] = 0;
-          cells_.push_back(cell);
+      index_->forEachCell(vertices_[v], [&](const CellCorner& at) {
+        if (local_cell_[at.cell] == kAbsent) {
+          local_cell_[at.cell] = 0;
+          cells_.push_back(at.cell);
         }
-      }
+      });
     }
     std::sort(cells_.begin() + static_cast<std::ptrdiff_t>(before), cells_.end());
   };
@@ -174,7 +169,7 @@ void SolveSet<Real>::packRows(const SpringModel& model) {
   for (std::uint32_t block = 0; block < blocks; ++block) {
     for (std::size_t lane = 0; lane < kLanes<Real>; ++lane) {
       const std::size_t v = block * kLanes<Real> + lane;
-      rows[lane].count = 0;
+      rows[lane].springs.clear();
       if (v >= vertices_.size() || has_row[v] == 0)
         continue;
       makeRow(*lattice_, *index_, model, vertices_[v], rows[lane]);
@@ -190,7 +185,7 @@ void SolveSet<Real>::packRows(const SpringModel& model) {
 
 template <typename Real>
 void SolveSet<Real>::packBlock(const SpringModel& model, std::uint32_t block, const std::vector<VertexRow>& rows) {
-  std::vector<int> next(kLanes<Real>, 0);
+  std::vector<std::size_t> next(kLanes<Real>, 0);
   std::vector<const MergedSpring*> springs(kLanes<Real>);
   for (std::uint8_t direction = 0; direction < kDirections; ++direction) {
     // Beside an incision a vertex may have two neighbours in one direction: they take an entry each.
@@ -198,8 +193,7 @@ void SolveSet<Real>::packBlock(const SpringModel& model, std::uint32_t block, co
       any = false;
       for (std::size_t lane = 0; lane < kLanes<Real>; ++lane) {
         const VertexRow& row = rows[lane];
-        const MergedSpring* spring =
-            next[lane] < row.count ? &row.springs[static_cast<std::size_t>(next[lane])] : nullptr;
+        const MergedSpring* spring = next[lane] < row.springs.size() ? &row.springs[next[lane]] : nullptr;
         springs[lane] = spring != nullptr && spring->direction == direction ? spring : nullptr;
         next[lane] += springs[lane] != nullptr ? 1 : 0;
         any = any || springs[lane] != nullptr;
@@ -292,6 +286,8 @@ void SolveSet<Real>::packCells(const SpringModel& model) {
   volume_stretch_.clear();
   corner_force_.clear();
   cell_of_.clear();
+  more_begin_.clear();
+  more_cells_.clear();
   if (!model.has_volume_energy)
     return;
   volume_modulus_.assign(stride, Real(0));
@@ -299,7 +295,8 @@ void SolveSet<Real>::packCells(const SpringModel& model) {
   for (std::size_t n = 0; n < cells_.size(); ++n) {
     if (cells_[n] == kAbsent)
       continue;
-    volume_modulus_[n] = static_cast<Real>(model.materials[lattice_->materials[cells_[n]]].volume_pa);
+    volume_modulus_[n] =
+        static_cast<Real>(lattice_->shares[cells_[n]] * model.materials[lattice_->materials[cells_[n]]].volume_pa);
     volume_stretch_[n] = static_cast<Real>(lattice_->rest_stretch[cells_[n]].prod());
   }
   corner_force_.assign(24 * stride, Real(0));
@@ -314,15 +311,40 @@ void SolveSet<Real>::packCellsOfVertices() {
   };
   const std::uint32_t empty = place(view_.cell_stride - 1);
   cell_of_.assign(8 * vertex_stride, empty);
-  std::array<CellCorner, 8> around;
+  more_.clear();
   for (const auto* list : {&moving_, &frontier_}) {
     for (const std::uint32_t v : *list) {
-      const int count = index_->cellsOf(vertices_[v], around);
-      for (int n = 0; n < count; ++n) {
-        const CellCorner at = around[static_cast<std::size_t>(n)];
-        cell_of_[at.corner * vertex_stride + v] = place(local_cell_[at.cell]);
-      }
+      index_->forEachCell(vertices_[v], [&](const CellCorner& at) {
+        std::uint32_t& slot = cell_of_[at.corner * vertex_stride + v];
+        const std::uint32_t cell = place(local_cell_[at.cell]);
+        if (slot == empty)
+          slot = cell;
+        else
+          more_.push_back({v, cell + 3U * at.corner * static_cast<std::uint32_t>(kLanes<Real>)});
+      });
     }
+  }
+  if (!more_.empty())
+    packMoreCells(empty);
+}
+
+/// Rows of one cell more for each vertex of a block.
+template <typename Real>
+void SolveSet<Real>::packMoreCells(std::uint32_t empty) {
+  constexpr std::size_t lanes = kLanes<Real>;
+  // A vertex's cells stay in the order of the lattice, whatever else is in the solve: sums have the same bits.
+  std::stable_sort(more_.begin(), more_.end(), [](const auto& a, const auto& b) { return a[0] < b[0]; });
+  more_begin_.assign(1, 0);
+  std::size_t n = 0;
+  for (std::size_t block = 0; block < padded(vertices_.size(), lanes) / lanes; ++block) {
+    std::array<std::size_t, lanes> row;
+    row.fill(more_cells_.size() / lanes);
+    for (; n < more_.size() && more_[n][0] / lanes == block; ++n) {
+      const std::size_t lane = more_[n][0] % lanes;
+      more_cells_.resize(std::max(more_cells_.size(), (row[lane] + 1) * lanes), empty);
+      more_cells_[row[lane]++ * lanes + lane] = more_[n][1];
+    }
+    more_begin_.push_back(static_cast<std::uint32_t>(more_cells_.size() / lanes));
   }
 }
 
@@ -353,6 +375,8 @@ void SolveSet<Real>::makeView(const SpringModel& model) {
   view_.volume_stretch = volume_stretch_.data();
   view_.corner_force = model.has_volume_energy ? corner_force_.data() : nullptr;
   view_.cell_of = cell_of_.data();
+  view_.more_begin = more_begin_.empty() ? nullptr : more_begin_.data();
+  view_.more_cells = more_cells_.data();
   view_.vertex_stride = displacement_[0].size();
 }
 
@@ -382,7 +406,8 @@ std::size_t SolveSet<Real>::cellBytes() const {
 
 template <typename Real>
 std::size_t SolveSet<Real>::volumeEnergyBytes() const {
-  return bytesOf(volume_modulus_) + bytesOf(volume_stretch_) + bytesOf(corner_force_) + bytesOf(cell_of_);
+  return bytesOf(volume_modulus_) + bytesOf(volume_stretch_) + bytesOf(corner_force_) + bytesOf(cell_of_) +
+         bytesOf(more_) + bytesOf(more_begin_) + bytesOf(more_cells_);
 }
 
 template class SolveSet<float>;

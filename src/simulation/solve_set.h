@@ -47,13 +47,11 @@ class SolveSet {
   /// Calls visit(local cell) for the guarded cells around a local vertex.
   template <typename Visit>
   void forEachCell(std::uint32_t local, const Visit& visit) const {
-    std::array<CellCorner, 8> around;
-    const int count = index_->cellsOf(vertices_[local], around);
-    for (int n = 0; n < count; ++n) {
-      const std::uint32_t cell = local_cell_[around[static_cast<std::size_t>(n)].cell];
+    index_->forEachCell(vertices_[local], [&](const CellCorner& at) {
+      const std::uint32_t cell = local_cell_[at.cell];
       if (cell < guarded_cells_)
         visit(cell);
-    }
+    });
   }
   /// A third of the summed stiffness of a local vertex with a row.
   double stiffness(std::uint32_t local) const { return vertex_stiffness_[local]; }
@@ -76,6 +74,7 @@ class SolveSet {
   void addStiffness(const std::vector<const MergedSpring*>& springs, SpringEntry& entry);
   void packCells(const SpringModel& model);
   void packCellsOfVertices();
+  void packMoreCells(std::uint32_t empty);
   void makeView(const SpringModel& model);
 
   const Lattice* lattice_;
@@ -103,6 +102,8 @@ class SolveSet {
   std::vector<Real> width_bound_;
   std::vector<Real> volume_modulus_, volume_stretch_, corner_force_;
   std::vector<std::uint32_t> cell_of_;
+  std::vector<std::array<std::uint32_t, 2>> more_;  ///< vertex and place, where cell_of_ is taken
+  std::vector<std::uint32_t> more_begin_, more_cells_;
 };
 
 }  // namespace soft_volume::core

@@ -254,7 +254,7 @@ void PackedSolver<Real>::setMasses(bool with_floor, double dt_s) {
       break;
     const std::uint32_t global = set_.globalCell(cell);
     // |dw| <= 2 |dx|, and up to four tetrahedra of the cell share the vertex.
-    const double floor = dt_s * dt_s * 16.0 * model_->materials[lattice_->materials[global]].altitude_n_m;
+    const double floor = dt_s * dt_s * 16.0 * altitudeStiffness(*lattice_, *model_, global);
     for (int c = 0; c < 8; ++c) {
       const std::uint32_t v = set_.cornerVertex(cell, c);
       if (inverse_mass[v] > Real(0))
@@ -318,7 +318,7 @@ void PackedSolver<Real>::addAltitudeForces() {
   }
   const double limit = kAltitudeWidth * model_->shortest_edge_m;
   for (const std::uint32_t cell : stressed_) {
-    const AltitudeSpring spring{model_->materials[lattice_->materials[set_.globalCell(cell)]].altitude_n_m, limit};
+    const AltitudeSpring spring{altitudeStiffness(*lattice_, *model_, set_.globalCell(cell)), limit};
     const CellCorners corners = guard_.corners(cell, false);
     for (int t = 0; t < 8; ++t) {
       const CornerWidth width = cornerWidthGradient(cornerEdges(corners, t));
@@ -612,7 +612,7 @@ void PackedSolver<Real>::findRankOnes() {
       RankOneStiffness term;
       term.gradient.fill(Vector3::Zero());
       term.count = 4;
-      term.stiffness = model_->materials[lattice_->materials[set_.globalCell(cell)]].altitude_n_m;
+      term.stiffness = altitudeStiffness(*lattice_, *model_, set_.globalCell(cell));
       for (std::size_t n = 0; n < 4; ++n) {
         term.vertices[n] = set_.cornerVertex(cell, kCornerTetrahedra[t][n]);
         term.gradient[n] = width.gradient[n];

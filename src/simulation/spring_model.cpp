@@ -24,32 +24,76 @@ std::array<double, kDirections> ownedStiffness(const CellSprings& springs) {
   return stiffness;
 }
 
-/// Where a vertex has a spring in each direction, while its row is made; beside an incision there may be several.
+/// Makes the springs of a vertex; beside an incision there may be several in a direction.
 class RowBuilder {
  public:
-  explicit RowBuilder(VertexRow& row) : row_(&row) { first_.fill(-1); }
+  RowBuilder(const Lattice& lattice, const SpringModel& model, VertexRow& row)
+      : lattice_(&lattice), model_(&model), row_(&row) {
+    first_.fill(-1);
+    row.springs.clear();
+    row.mass_kg = 0.0;
+  }
 
-  MergedSpring& spring(std::uint8_t direction, std::uint32_t neighbour) {
-    if (first_[direction] < 0) {
-      first_[direction] = row_->count;
-      return add(direction, neighbour);
+  void add(const CellCorner& at) {
+    const SpringModel::OfMaterial& material = model_->materials[lattice_->materials[at.cell]];
+    const double share = lattice_->shares[at.cell];
+    row_->mass_kg += share * material.corner_mass_kg;
+    damping_kg_s_ += share * material.corner_mass_kg * material.damping_rate_per_s;
+    for (int c = 0; c < 8; ++c) {
+      if (c != at.corner)
+        addSpring(at, c, share, material);
     }
-    for (int n = first_[direction]; n < row_->count; ++n) {
-      MergedSpring& spring = row_->springs[static_cast<std::size_t>(n)];
-      if (spring.direction == direction && spring.neighbour == neighbour)
-        return spring;
+  }
+
+  void finish(bool heavy) {
+    if (heavy)
+      row_->mass_kg *= kDissertationRigidMass;
+    for (MergedSpring& spring : row_->springs) {
+      spring.rest_length_m =
+          spring.stretched ? spring.rest_length_m / spring.stiffness_n_m : model_->lengths_m[spring.direction];
+      // One spring, however many cells share it.
+      if (model_->rule == SpringRule::kDissertation)
+        spring.stiffness_n_m = model_->strength_n_m * (spring.shares / spring.places);
     }
-    return add(direction, neighbour);
+    std::sort(row_->springs.begin(), row_->springs.end(), [](const MergedSpring& a, const MergedSpring& b) {
+      return a.direction != b.direction ? a.direction < b.direction : a.neighbour < b.neighbour;
+    });
+    row_->damping_rate_per_s = damping_kg_s_ / row_->mass_kg;
   }
 
  private:
-  MergedSpring& add(std::uint8_t direction, std::uint32_t neighbour) {
-    MergedSpring& spring = row_->springs[static_cast<std::size_t>(row_->count++)];
-    spring = {neighbour, direction, false, 0.0, 0.0};
-    return spring;
+  void addSpring(const CellCorner& at, int corner, double share, const SpringModel::OfMaterial& material) {
+    const std::uint8_t direction = cornerDirection(at.corner, corner);
+    MergedSpring& spring = find(direction, lattice_->cells[at.cell][static_cast<std::size_t>(corner)]);
+    const Vector3& stretch = lattice_->rest_stretch[at.cell];
+    const bool stretched = stretch != Vector3::Ones();
+    const double k = share * material.stiffness_n_m[direction];
+    spring.stiffness_n_m += k;
+    spring.rest_length_m +=
+        k * (stretched ? model_->offsets_m[direction].cwiseProduct(stretch).norm() : model_->lengths_m[direction]);
+    spring.stretched = spring.stretched || stretched;
+    spring.shares += share;
+    spring.places = static_cast<std::uint8_t>(spring.places + (spring.last_corner != at.corner ? 1 : 0));
+    spring.last_corner = static_cast<std::int8_t>(at.corner);
   }
 
+  /// The spring to a neighbour, new or not.
+  MergedSpring& find(std::uint8_t direction, std::uint32_t neighbour) {
+    const std::size_t count = row_->springs.size();
+    for (std::size_t n = first_[direction] < 0 ? count : std::size_t(first_[direction]); n < count; ++n) {
+      if (row_->springs[n].direction == direction && row_->springs[n].neighbour == neighbour)
+        return row_->springs[n];
+    }
+    if (first_[direction] < 0)
+      first_[direction] = static_cast<int>(count);
+    row_->springs.push_back({neighbour, direction, false, -1, 0, 0.0, 0.0, 0.0});
+    return row_->springs.back();
+  }
+
+  const Lattice* lattice_;
+  const SpringModel* model_;
   VertexRow* row_;
+  double damping_kg_s_ = 0.0;
   std::array<int, kDirections> first_;
 };
 
@@ -65,8 +109,8 @@ std::uint8_t cornerDirection(int a, int b) {
 
 double VertexRow::stiffness_n_m() const {
   double sum = 0.0;
-  for (int n = 0; n < count; ++n)
-    sum += springs[static_cast<std::size_t>(n)].stiffness_n_m;
+  for (const MergedSpring& spring : springs)
+    sum += spring.stiffness_n_m;
   return sum / 3.0;
 }
 
@@ -134,44 +178,9 @@ SpringModel makeSpringModel(const Lattice& lattice, const std::vector<Material>&
 
 void makeRow(const Lattice& lattice, const LatticeIndex& index, const SpringModel& model, std::uint32_t vertex,
              VertexRow& row) {
-  row.count = 0;
-  row.mass_kg = 0.0;
-  double damping_kg_s = 0.0;
-  RowBuilder builder(row);
-  std::array<CellCorner, 8> around;
-  const int cells = index.cellsOf(vertex, around);
-  for (int n = 0; n < cells; ++n) {
-    const CellCorner at = around[static_cast<std::size_t>(n)];
-    const SpringModel::OfMaterial& material = model.materials[lattice.materials[at.cell]];
-    const Vector3& stretch = lattice.rest_stretch[at.cell];
-    const bool stretched = stretch != Vector3::Ones();
-    row.mass_kg += material.corner_mass_kg;
-    damping_kg_s += material.corner_mass_kg * material.damping_rate_per_s;
-    for (int c = 0; c < 8; ++c) {
-      if (c == at.corner)
-        continue;
-      const std::uint8_t direction = cornerDirection(at.corner, c);
-      MergedSpring& spring = builder.spring(direction, lattice.cells[at.cell][static_cast<std::size_t>(c)]);
-      const double k = material.stiffness_n_m[direction];
-      spring.stiffness_n_m += k;
-      spring.rest_length_m +=
-          k * (stretched ? model.offsets_m[direction].cwiseProduct(stretch).norm() : model.lengths_m[direction]);
-      spring.stretched = spring.stretched || stretched;
-    }
-  }
-  if (model.rule == SpringRule::kDissertation && lattice.fixed[vertex])
-    row.mass_kg *= kDissertationRigidMass;
-  for (int n = 0; n < row.count; ++n) {
-    MergedSpring& spring = row.springs[static_cast<std::size_t>(n)];
-    spring.rest_length_m =
-        spring.stretched ? spring.rest_length_m / spring.stiffness_n_m : model.lengths_m[spring.direction];
-    if (model.rule == SpringRule::kDissertation)
-      spring.stiffness_n_m = model.strength_n_m;  // one spring, however many cells share it
-  }
-  std::sort(row.springs.begin(), row.springs.begin() + row.count, [](const MergedSpring& a, const MergedSpring& b) {
-    return a.direction != b.direction ? a.direction < b.direction : a.neighbour < b.neighbour;
-  });
-  row.damping_rate_per_s = damping_kg_s / row.mass_kg;
+  RowBuilder builder(lattice, model, row);
+  index.forEachCell(vertex, [&](const CellCorner& at) { builder.add(at); });
+  builder.finish(model.rule == SpringRule::kDissertation && lattice.fixed[vertex] != 0);
 }
 
 }  // namespace soft_volume::core

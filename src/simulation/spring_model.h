@@ -42,15 +42,17 @@ std::uint8_t cornerDirection(int a, int b);
 struct MergedSpring {
   std::uint32_t neighbour;
   std::uint8_t direction;
-  bool stretched;  ///< the rest length is not the distance at rest
+  bool stretched;           ///< the rest length is not the distance at rest
+  std::int8_t last_corner;  ///< of the vertex in the last cell that shares it; those at one place follow each other
+  std::uint8_t places;      ///< at how many places there are cells that share it
+  double shares;            ///< of these cells, summed
   double stiffness_n_m;
   double rest_length_m;
 };
 
-/// All that one vertex is made of. A vertex has at most 8 x 7 springs before merging.
+/// All that one vertex is made of.
 struct VertexRow {
-  int count = 0;
-  std::array<MergedSpring, 56> springs;  ///< by direction, then neighbour
+  std::vector<MergedSpring> springs;  ///< by direction, then neighbour
   double mass_kg = 0.0;
   double damping_rate_per_s = 0.0;
 
@@ -65,6 +67,11 @@ SpringModel makeSpringModel(const Lattice& lattice, const std::vector<Material>&
 /// 1 where a vertex never moves: where the lattice says so; the dissertation's rigid tissue is only heavy.
 inline bool isFixed(const Lattice& lattice, SpringRule rule, std::uint32_t vertex) {
   return rule == SpringRule::kIsotropic && lattice.fixed[vertex] != 0;
+}
+
+/// Of the altitude springs of a cell; like all of a cell's stiffness in proportion to its share.
+inline double altitudeStiffness(const Lattice& lattice, const SpringModel& model, std::uint32_t cell) {
+  return lattice.shares[cell] * model.materials[lattice.materials[cell]].altitude_n_m;
 }
 
 void makeRow(const Lattice& lattice, const LatticeIndex& index, const SpringModel& model, std::uint32_t vertex,

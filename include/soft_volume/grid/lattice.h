@@ -12,8 +12,9 @@
 namespace soft_volume::core {
 
 /// The hexahedral simulation grid (dissertation section 4.2): equal box-shaped cells on a regular lattice, present only
-/// where there is tissue, incisions included. Cells are numbered in lattice order and never renumbered; an incision
-/// only replicates vertices.
+/// where there is tissue, incisions included. Cells are numbered in lattice order and never renumbered; incisions
+/// replicate vertices, and cells that they part (embedding.h): these follow at the end, share the place of the cell
+/// that they are a copy of and divide its stiffness and mass with it.
 struct Lattice {
   static constexpr std::int32_t kNone = -1;
 
@@ -29,6 +30,10 @@ struct Lattice {
   std::vector<Vector3> rest_stretch;                         ///< factor of the rest lengths along the cell's axes
   std::vector<std::array<std::int32_t, 6>> face_neighbours;  ///< cell behind each face, kNone at surfaces and cuts
   std::vector<std::array<std::uint8_t, 6>> cut_faces;        ///< 1 where an incision opened the face
+  std::vector<double> shares;  ///< of an uncut cell's stiffness and mass; those of a place sum to 1
+  /// Part of each face's area that an incision left to the cell, where the face is surface of the lattice.
+  std::vector<std::array<double, 6>> surface_shares;
+  std::vector<std::int32_t> next_cells;  ///< the next cell at the same place, kNone behind the last
 
   // Per vertex.
   std::vector<Vector3> rest_positions;         ///< volume frame, metres
@@ -37,7 +42,7 @@ struct Lattice {
   std::vector<std::uint32_t> lattice_nodes;    ///< lattice node, i + (nx+1)*(j + (ny+1)*k); replicas share it
 
   // Per lattice place.
-  std::vector<std::int32_t> cell_at;  ///< per lattice cell: cell number or kNone
+  std::vector<std::int32_t> cell_at;  ///< per lattice cell: the first cell there or kNone
 
   std::size_t cellCount() const { return cells.size(); }
   std::size_t vertexCount() const { return rest_positions.size(); }
@@ -64,19 +69,25 @@ struct LatticeBox {
 /// The lattice cells that a box of the volume frame touches, cut to the lattice; empty boxes have begin == end.
 LatticeBox latticeBox(const Lattice& lattice, const Box3& box_m);
 
-/// Calls `visit(cell)` for every present cell of a box, in lattice order.
+/// Calls `visit(cell)` for every present cell of a box, in lattice order; for those at one place by number.
 template <typename Visit>
 void forEachCell(const Lattice& lattice, const LatticeBox& box, const Visit& visit) {
   for (int k = box.begin.z(); k < box.end.z(); ++k) {
     for (int j = box.begin.y(); j < box.end.y(); ++j) {
       for (int i = box.begin.x(); i < box.end.x(); ++i) {
-        const std::int32_t cell = lattice.cell_at[lattice.latticeCell(i, j, k)];
-        if (cell != Lattice::kNone)
+        for (std::int32_t cell = lattice.cell_at[lattice.latticeCell(i, j, k)]; cell != Lattice::kNone;
+             cell = lattice.next_cells[static_cast<std::size_t>(cell)])
           visit(static_cast<std::uint32_t>(cell));
       }
     }
   }
 }
+
+/// Appends a copy of a cell at the same place, with its vertices and no share; returns its number.
+std::uint32_t copyCell(Lattice& lattice, std::uint32_t cell);
+
+/// Appends a replica of a vertex and returns its number.
+std::uint32_t replicateVertex(Lattice& lattice, std::uint32_t vertex);
 
 /// Connects the present cells of a regular lattice. `cell_materials` has one entry per lattice cell: a material index
 /// or Lattice::kNone where there is no cell. Vertices exist only at corners of present cells, in lattice order; none is
