@@ -72,7 +72,7 @@ CutMesh::CutMesh(const Lattice& lattice) : rest_positions_(lattice.rest_position
   pieces_.reserve(lattice.cellCount());
   pieces_of_cell_.resize(lattice.cellCount());
   for (std::uint32_t cell = 0; cell < lattice.cellCount(); ++cell)
-    pieces_.push_back({cell, {}});
+    pieces_.push_back({cell, {}, cell});
   for (std::uint32_t cell = 0; cell < lattice.cellCount(); ++cell)
     addPiece(lattice, cell);
   for (Piece& piece : pieces_)
@@ -181,7 +181,7 @@ std::uint32_t CutMesh::splitFace(std::uint32_t face, std::uint32_t from, std::ui
 std::uint32_t CutMesh::splitPiece(std::uint32_t piece, const Numbers& moved, const std::vector<Numbers>& section) {
   const auto number = static_cast<std::uint32_t>(pieces_.size());
   const Numbers before = verticesOf(piece);
-  pieces_.push_back({pieces_[piece].cell, {}});
+  pieces_.push_back({pieces_[piece].cell, {}, piece});
   pieces_of_cell_[pieces_[piece].cell].push_back(number);
   for (const std::uint32_t f : moved) {
     auto& owners = faces_[f].pieces;

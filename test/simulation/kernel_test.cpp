@@ -53,6 +53,11 @@ std::vector<Case> cases() {
   all.push_back({"cut", cutAcross(makeBlock(6, 4, 2, kH), plain, 2.9 * kH, 0.9 * kH, 1.0, 0.75), plain});
   all.push_back({"cut, volume energy", cutAcross(makeBlock(6, 4, 3, kH), wet, 2.9 * kH, 0.9 * kH, 1.0, 0.75), wet});
   all.push_back({"dissertation", mixed().lattice, mixed().materials, SpringRule::kDissertation});
+  all.push_back({"cut into pieces", cutIntoPieces(makeBlock(4, 3, 3, kH), plain), plain});
+  all.push_back({"cut into pieces, volume energy", cutIntoPieces(makeBlock(4, 4, 3, kH), wet), wet});
+  all.push_back({"cut into pieces, mixed", cutIntoPieces(mixed().lattice, mixed().materials), mixed().materials});
+  all.push_back({"cut into pieces, dissertation", cutIntoPieces(mixed().lattice, mixed().materials), mixed().materials,
+                 SpringRule::kDissertation});
   all.push_back({"part", standing(makeBlock(6, 6, 5, kH)), wet, SpringRule::kIsotropic, {64, 65, 70, 71, 100, 107}});
   return all;
 }

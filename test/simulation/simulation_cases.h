@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "lattice_blocks.h"
+#include "soft_volume/incision/blade_cut.h"
+#include "soft_volume/incision/embedding.h"
 #include "soft_volume/incision/incision.h"
 #include "soft_volume/simulation/corner_width.h"
 #include "soft_volume/simulation/simulation.h"
@@ -33,6 +35,22 @@ inline Lattice cutAcross(Lattice lattice, const std::vector<Material>& materials
   IncisionSettings settings;
   settings.rest_fraction = rest_fraction;
   cutLattice(lattice, materials, lattice.rest_positions, 0.0, {quad}, settings);
+  return lattice;
+}
+
+/// The lattice with cells that cuts divide into copies: one slanting cut through everything, and one that ends inside
+/// the tissue, where copies of a cell meet in a vertex as the same corner.
+inline Lattice cutIntoPieces(Lattice lattice, const std::vector<Material>& materials) {
+  const Vector3 size = lattice.dims.cast<double>().cwiseProduct(lattice.spacing_m);
+  const auto at = [&](double x, double y, double z) { return Vector3(size.cwiseProduct(Vector3(x, y, z))); };
+  std::vector<Vector3> positions = lattice.rest_positions;
+  CutMesh mesh(lattice);
+  Embedding embedding(mesh);
+  for (const SweptQuad& quad : {SweptQuad{at(-1, -1, 0.3), at(2, -1, 0.5), at(2, 2, 0.9), at(-1, 2, 0.7)},
+                                SweptQuad{at(0.45, -1, -1), at(0.45, -1, 2), at(0.4, 0.7, 2), at(0.4, 0.7, -1)}}) {
+    cutMesh(mesh, lattice, materials, CutResolution(), {quad}, 0.0, positions);
+    embedding.update(mesh, lattice);
+  }
   return lattice;
 }
 

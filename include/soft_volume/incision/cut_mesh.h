@@ -39,6 +39,7 @@ class CutMesh {
   struct Piece {
     std::uint32_t cell;                ///< of the lattice, which it is a part of
     std::vector<std::uint32_t> faces;  ///< increasing
+    std::uint32_t origin;              ///< piece that it was split from; itself for a whole cell
   };
 
   /// The cells of a lattice as they are, one piece each: piece c is cell c, its vertices are the lattice's.
@@ -49,7 +50,10 @@ class CutMesh {
   const Source& source(std::uint32_t vertex) const { return sources_[vertex]; }
   const std::vector<Face>& faces() const { return faces_; }
   const std::vector<Piece>& pieces() const { return pieces_; }
-  const std::vector<std::uint32_t>& piecesOfCell(std::uint32_t cell) const { return pieces_of_cell_[cell]; }
+  /// Increasing. All pieces of a place go with its first cell; copies of it (embedding.h) have none here.
+  const std::vector<std::uint32_t>& piecesOfCell(std::uint32_t cell) const {
+    return cell < pieces_of_cell_.size() ? pieces_of_cell_[cell] : no_pieces_;
+  }
   const std::vector<std::uint32_t>& piecesAround(std::uint32_t vertex) const { return pieces_around_[vertex]; }
 
   /// The loop of a face counter-clockwise seen from outside one of its pieces.
@@ -91,6 +95,7 @@ class CutMesh {
   std::vector<Face> faces_;
   std::vector<Piece> pieces_;
   std::vector<std::vector<std::uint32_t>> pieces_of_cell_;
+  std::vector<std::uint32_t> no_pieces_;
   std::vector<std::vector<std::uint32_t>> pieces_around_;  // per vertex, increasing
 };
 
