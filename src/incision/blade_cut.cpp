@@ -52,8 +52,8 @@ Vector3 centroidOf(const std::vector<Vector3>& polygon, const Vector3& normal) {
   return area > 0.0 ? Vector3(sum / area) : mean;
 }
 
-/// The pieces at the lips of a stroke so far, and on which side of it: -1 or 1.
-using Lips = std::map<std::uint32_t, int>;
+/// -1 or 1 for the pieces at the lips.
+using LipSides = std::map<std::uint32_t, int>;
 
 double distanceFromSegment(const Vector3& p, const Vector3& a, const Vector3& b) {
   const Vector3 along = b - a;
@@ -62,12 +62,13 @@ double distanceFromSegment(const Vector3& p, const Vector3& a, const Vector3& b)
   return (p - a - t * along).norm();
 }
 
-/// The work of one patch. `lips` are those of the patches that it continues, and get its own.
+/// The work of one patch. `lips` are those of the patches that it continues, and get its own; those that are too far
+/// away for the next patch are dropped.
 class PatchCut {
  public:
   PatchCut(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
            const CutResolution& resolution, const BladePatch& patch, double reach_m, std::vector<Vector3>& positions_m,
-           Lips& lips, BladeCutResult& result)
+           LipSides& lips, BladeCutResult& result)
       : mesh_(mesh),
         lattice_(lattice),
         materials_(materials),
@@ -88,6 +89,7 @@ class PatchCut {
     splitAtBorder();
     splitByBlade();
     openFaces();
+    dropFarLips();
   }
 
  private:
@@ -295,7 +297,7 @@ class PatchCut {
           to_open.insert(f);
       }
     }
-    Lips lips;
+    LipSides lips;
     for (const std::uint32_t f : to_open) {
       for (const std::int32_t piece : mesh_.faces()[f].pieces)
         lips.insert({static_cast<std::uint32_t>(piece), stands.at(static_cast<std::uint32_t>(piece)).side});
@@ -310,7 +312,7 @@ class PatchCut {
 
   /// Where a lip of the patches before and an opposite one of this patch meet at a face across the blade, the two
   /// sections have missed each other, because a split was refused or its place snapped.
-  void collectJoints(const Lips& lips, std::set<std::uint32_t>& to_open) const {
+  void collectJoints(const LipSides& lips, std::set<std::uint32_t>& to_open) const {
     for (const auto& [piece, side] : lips_) {
       if (const auto now = lips.find(piece); now != lips.end() && now->second != side)
         continue;
@@ -320,6 +322,16 @@ class PatchCut {
           to_open.insert(f);
       }
     }
+  }
+
+  /// The next patch starts at this one, so its joints are near both.
+  void dropFarLips() {
+    LipSides near;
+    for (const std::uint32_t piece : pieces_) {
+      if (const auto lip = lips_.find(piece); lip != lips_.end())
+        near.insert(*lip);
+    }
+    lips_ = std::move(near);
   }
 
   bool isAtBorder(const CutMesh::Face& face) const {
@@ -357,7 +369,7 @@ class PatchCut {
   ShapeLimits limits_{};
   const BladePatch& patch_;
   std::vector<Vector3>& positions_m_;
-  Lips& lips_;
+  LipSides& lips_;
   BladeCutResult& result_;
   PlaneSides blade_;
   std::vector<PlaneSides> borders_;
@@ -370,18 +382,17 @@ class PatchCut {
 }  // namespace
 
 BladeCutResult cutMesh(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
-                       const CutResolution& resolution, const std::vector<SweptQuad>& quads, double reach_m,
+                       const CutResolution& resolution, const std::vector<SweptQuad>& quads, double reach_m, Lips& lips,
                        std::vector<Vector3>& positions_m) {
   const double h = lattice.spacing_m.minCoeff();
   const std::size_t vertices = mesh.vertexCount();
   BladeCutResult result;
-  Lips lips;
-  for (std::size_t n = 0; n < quads.size(); ++n) {
-    const SweptQuad& quad = quads[n];
-    if (n > 0 && (quad[0] != quads[n - 1][3] || quad[1] != quads[n - 1][2]))
-      lips.clear();
+  for (const SweptQuad& quad : quads) {
+    if (quad[0] != lips.edge_m[0] || quad[1] != lips.edge_m[1])
+      lips.side_of_piece.clear();
+    lips.edge_m = {quad[3], quad[2]};
     for (const BladePatch& patch : patchesOf(quad, kFlatQuad * h, kNarrowPatch * resolution.snap * h))
-      PatchCut(mesh, lattice, materials, resolution, patch, reach_m, positions_m, lips, result).run();
+      PatchCut(mesh, lattice, materials, resolution, patch, reach_m, positions_m, lips.side_of_piece, result).run();
   }
   result.vertices_added = static_cast<std::uint32_t>(mesh.vertexCount() - vertices);
   return result;

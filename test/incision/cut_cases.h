@@ -21,8 +21,12 @@ struct CutBlock {
   explicit CutBlock(const Vector3i& dims, double h = kH)
       : lattice(makeBlock(dims, Vector3::Constant(h))), mesh(lattice), positions_m(lattice.rest_positions) {}
 
+  BladeCutResult cut(const std::vector<SweptQuad>& quads, Lips& lips) {
+    return cutMesh(mesh, lattice, materials, resolution, quads, reach_m, lips, positions_m);
+  }
   BladeCutResult cut(const std::vector<SweptQuad>& quads) {
-    return cutMesh(mesh, lattice, materials, resolution, quads, reach_m, positions_m);
+    Lips lips;
+    return cut(quads, lips);
   }
   /// Moves every vertex by `displacement(rest)`.
   template <typename Displacement>
@@ -184,6 +188,17 @@ inline void expectNoTJunctions(const CutMesh& mesh, double slack_m) {
         }
       }
     }
+  }
+}
+
+/// The same numbers and bits.
+inline void expectSameMesh(const CutMesh& a, const CutMesh& b) {
+  ASSERT_EQ(a.restPositions(), b.restPositions());
+  ASSERT_EQ(a.faces().size(), b.faces().size());
+  ASSERT_EQ(a.pieces().size(), b.pieces().size());
+  for (std::size_t f = 0; f < a.faces().size(); ++f) {
+    ASSERT_EQ(a.faces()[f].loop, b.faces()[f].loop);
+    ASSERT_EQ(a.faces()[f].pieces, b.faces()[f].pieces);
   }
 }
 

@@ -16,11 +16,16 @@ SweptQuad sweepBetween(double from, double to) {
   return {tip(from), tip(from) + up, tip(to) + up, tip(to)};
 }
 
+/// The n-th part of the way across the block.
+SweptQuad sweepOf(int n, int sweeps) {
+  return sweepBetween(-1.0 + 10.0 * n / sweeps, -1.0 + 10.0 * (n + 1) / sweeps);
+}
+
 std::vector<SweptQuad> strokeOf(int sweeps) {
   Stroke stroke(kSettings);
   std::vector<SweptQuad> quads;
   for (int n = 0; n < sweeps; ++n)
-    stroke.add(sweepBetween(-1.0 + 10.0 * n / sweeps, -1.0 + 10.0 * (n + 1) / sweeps), quads);
+    stroke.add(sweepOf(n, sweeps), quads);
   stroke.end(quads);
   return quads;
 }
@@ -46,6 +51,36 @@ TEST(Stroke, AHandsStrokePartsABlockAtAnySpeed) {
     block.cut(strokeOf(sweeps));
     EXPECT_EQ(islandVolumes(block.mesh).size(), 2U) << sweeps;
     ASSERT_NO_FATAL_FAILURE(expectSound(block));
+  }
+}
+
+TEST(Stroke, QuadsThatAreCutAsTheyCompletePartABlockLikeOneCall) {
+  for (const int sweeps : {25, 200, 3000}) {
+    CutBlock whole({8, 8, 3});
+    whole.cut(strokeOf(sweeps));
+
+    CutBlock block({8, 8, 3});
+    Stroke stroke(kSettings);
+    std::size_t calls = 0;
+    const auto cutEach = [&](std::vector<SweptQuad>& quads) {
+      for (const SweptQuad& quad : quads)
+        block.cut({quad}, stroke.lips());
+      calls += quads.size();
+      quads.clear();
+    };
+    std::vector<SweptQuad> quads;
+    for (int n = 0; n < sweeps; ++n) {
+      stroke.add(sweepOf(n, sweeps), quads);
+      ASSERT_LE(quads.size(), 2U);
+      cutEach(quads);
+      EXPECT_LT(stroke.lips().side_of_piece.size(), 80U) << "far lips are forgotten";
+    }
+    stroke.end(quads);
+    cutEach(quads);
+    EXPECT_GT(calls, 15U);
+    EXPECT_EQ(islandVolumes(block.mesh).size(), 2U) << sweeps;
+    ASSERT_NO_FATAL_FAILURE(expectSameMesh(block.mesh, whole.mesh));
+    ASSERT_EQ(block.positions_m, whole.positions_m);
   }
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <map>
 #include <vector>
 
 #include "soft_volume/incision/cut_mesh.h"
@@ -28,6 +30,13 @@ struct BladeCutResult {
   Box3 rest_box_m;  ///< rest places of the vertices of opened faces; empty when nothing was opened
 };
 
+/// What the quads of a stroke leave for those that continue it, in this call of cutMesh() or a later one. Plain data,
+/// the size of a patch's neighbourhood however long the stroke is; belongs to a saved state.
+struct Lips {
+  std::array<Vector3, 2> edge_m = {Vector3::Zero(), Vector3::Zero()};  ///< tip and heel where the last quad ended
+  std::map<std::uint32_t, int> side_of_piece;                          ///< -1 or 1; empty at the start of a stroke
+};
+
 /// Incision method 2 (section 4.4.2): splits the pieces that the blade's swept surface crosses and opens the faces
 /// that it passes through.
 ///
@@ -39,9 +48,10 @@ struct BladeCutResult {
 ///    too small it goes on to the piece's faces.
 /// 2. Covered pieces are split by the patch's plane.
 /// 3. Faces between what lies on either side of the plane are opened where the patch covers them, and vertices parted
-///    that no longer hold together. Opposite lips of this patch and of those before it in the same
-///    call, whose quads joined edge to edge, are parted too where they meet at the border. So give a stroke's quads in
-///    one call where they are at hand.
+///    that no longer hold together. Opposite lips of this patch and of those before it in the same stroke are parted
+///    too where they meet at the border. `lips` carries them from call to call: it makes no difference in how many
+///    calls a stroke's quads come. A quad that does not start with the edge where the last one ended begins a new
+///    stroke.
 /// Where a part would be smaller than the resolution allows, vertices up to 4 snap distances away are taken to lie on
 /// the plane, too. If that does not help, the split is not made: the piece stays whole on the side of its middle and
 /// the cut runs around it. So the sides are parted without a gap in any case.
@@ -50,7 +60,7 @@ struct BladeCutResult {
 /// per vertex, and get those of new vertices. `reach_m` bounds the distance of any vertex from rest. Quads are finite.
 /// Deterministic; takes time in proportion to the pieces near the blade.
 BladeCutResult cutMesh(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
-                       const CutResolution& resolution, const std::vector<SweptQuad>& quads, double reach_m,
+                       const CutResolution& resolution, const std::vector<SweptQuad>& quads, double reach_m, Lips& lips,
                        std::vector<Vector3>& positions_m);
 
 }  // namespace soft_volume::core

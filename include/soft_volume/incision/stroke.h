@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "soft_volume/incision/blade_cut.h"
 #include "soft_volume/tool/tool_command.h"
 
 namespace soft_volume::core {
@@ -11,7 +12,7 @@ namespace soft_volume::core {
 ///
 /// A quad is complete when an end of the edge has moved by the stride since its start, or earlier when the blade would
 /// leave it by more than the tolerance, but never before its width is enough. So the incision is behind the blade by
-/// less than the stride. Not thread-safe.
+/// less than the stride. It owns the lips of the cut that its quads make, for cutMesh(). Not thread-safe.
 class Stroke {
  public:
   /// Lengths in metres: `least_width_m` of a quad, which what is left at the end of a stroke need not have.
@@ -27,6 +28,8 @@ class Stroke {
   void add(const SweptQuad& sweep, std::vector<SweptQuad>& quads);
   /// Ends the stroke and appends what is left.
   void end(std::vector<SweptQuad>& quads);
+  /// To be given to cutMesh() with the quads, all of them, in order.
+  Lips& lips() { return lips_; }
 
  private:
   struct Edge {
@@ -39,6 +42,7 @@ class Stroke {
 
   Settings settings_;
   std::vector<Edge> edges_;  // since the last quad ended; the first is where it did
+  Lips lips_;
 };
 
 }  // namespace soft_volume::core
