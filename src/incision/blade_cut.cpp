@@ -31,8 +31,11 @@ std::vector<Vector3> inOrder(std::vector<Vector3> points, const Vector3& normal)
     middle += p / static_cast<double>(points.size());
   const Vector3 u = normal.unitOrthogonal();
   const Vector3 v = normal.cross(u);
-  const auto angle = [&](const Vector3& p) { return std::atan2(v.dot(p - middle), u.dot(p - middle)); };
-  std::sort(points.begin(), points.end(), [&](const Vector3& a, const Vector3& b) { return angle(a) < angle(b); });
+  std::vector<std::pair<double, Vector3>> by_angle;
+  for (const Vector3& p : points)
+    by_angle.emplace_back(std::atan2(v.dot(p - middle), u.dot(p - middle)), p);
+  std::sort(by_angle.begin(), by_angle.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::transform(by_angle.begin(), by_angle.end(), points.begin(), [](const auto& p) { return p.second; });
   return points;
 }
 
@@ -116,24 +119,29 @@ class PatchCut {
     bool front = false;
     bool straddles() const { return behind && front; }
   };
-  Sides sidesOf(std::uint32_t piece) {
+  Sides sidesOf(std::uint32_t piece) const {
     Sides sides;
-    for (const std::uint32_t v : mesh_.verticesOf(piece)) {
-      sides.behind |= blade_.sign(v) < 0;
-      sides.front |= blade_.sign(v) > 0;
+    for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+      for (const std::uint32_t v : mesh_.faces()[f].loop) {
+        const int sign = blade_.sign(v);
+        sides.behind |= sign < 0;
+        sides.front |= sign > 0;
+      }
+      if (sides.straddles())
+        break;
     }
     return sides;
   }
 
-  bool isOnBlade(const std::vector<std::uint32_t>& loop) {
+  bool isOnBlade(const std::vector<std::uint32_t>& loop) const {
     return std::all_of(loop.begin(), loop.end(), [this](std::uint32_t v) { return blade_.sign(v) == 0; });
   }
 
   /// Where the blade's plane meets a piece: through its inside, or along faces to neighbours.
-  std::vector<Vector3> sectionOf(std::uint32_t piece) {
+  std::vector<Vector3> sectionOf(std::uint32_t piece) const {
     const bool straddles = sidesOf(piece).straddles();
     std::vector<Vector3> points;
-    std::set<std::uint32_t> on_blade;
+    std::vector<std::uint32_t> on_blade;
     for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
       const auto& face = mesh_.faces()[f];
       if (straddles) {
@@ -143,16 +151,18 @@ class PatchCut {
       }
       for (const std::uint32_t v : face.loop) {
         if (blade_.sign(v) == 0)
-          on_blade.insert(v);
+          on_blade.push_back(v);
       }
     }
+    std::sort(on_blade.begin(), on_blade.end());
+    on_blade.erase(std::unique(on_blade.begin(), on_blade.end()), on_blade.end());
     for (const std::uint32_t v : on_blade)
       points.push_back(positions_m_[v]);
     return points.size() < 3 ? std::vector<Vector3>() : inOrder(points, patch_.plane.normal);
   }
 
   /// Every point comes twice, from the two faces at its edge.
-  void addCrossings(const std::vector<std::uint32_t>& loop, std::vector<Vector3>& points) {
+  void addCrossings(const std::vector<std::uint32_t>& loop, std::vector<Vector3>& points) const {
     for (std::size_t i = 0; i < loop.size(); ++i) {
       const std::uint32_t a = loop[i];
       const std::uint32_t b = loop[(i + 1) % loop.size()];
@@ -259,7 +269,7 @@ class PatchCut {
     bool kept_whole;
     bool cuttable;
   };
-  Stand standOf(std::uint32_t piece) {
+  Stand standOf(std::uint32_t piece) const {
     const Sides sides = sidesOf(piece);
     Stand stand{sides.front ? 1 : -1, sides.straddles(), kept_whole_.count(piece) > 0, isCuttable(piece)};
     if (sides.behind == sides.front) {

@@ -63,13 +63,24 @@ void join(Numbers& parents, std::uint32_t a, std::uint32_t b) {
   parents[std::max(a, b)] = std::min(a, b);
 }
 
+/// Room for cuts, so that the first of them does not move all that there is.
+std::size_t withRoom(std::size_t count) {
+  return count + count / 4;
+}
+
 }  // namespace
 
-CutMesh::CutMesh(const Lattice& lattice) : rest_positions_(lattice.rest_positions) {
-  for (std::uint32_t v = 0; v < vertexCount(); ++v)
+CutMesh::CutMesh(const Lattice& lattice) {
+  const std::size_t vertices = lattice.rest_positions.size();
+  rest_positions_.reserve(withRoom(vertices));
+  sources_.reserve(withRoom(vertices));
+  pieces_around_.reserve(withRoom(vertices));
+  pieces_.reserve(withRoom(lattice.cellCount()));
+  faces_.reserve(withRoom(3 * vertices));
+  rest_positions_ = lattice.rest_positions;
+  for (std::uint32_t v = 0; v < vertices; ++v)
     sources_.push_back({v, v, 0.0});
-  pieces_around_.resize(vertexCount());
-  pieces_.reserve(lattice.cellCount());
+  pieces_around_.resize(vertices);
   pieces_of_cell_.resize(lattice.cellCount());
   for (std::uint32_t cell = 0; cell < lattice.cellCount(); ++cell)
     pieces_.push_back({cell, {}, cell});

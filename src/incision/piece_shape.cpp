@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <map>
 #include <utility>
 
 namespace soft_volume::core {
@@ -43,19 +42,33 @@ double extentAlong(const Polyhedron& solid, const Vector3& direction) {
   return high - low;
 }
 
-/// How far a face rises over the plane of another one.
-double heightOver(const Polyhedron& solid, std::size_t plane, std::size_t face) {
-  const auto& loop = solid.loops[plane];
-  const Vector3 normal = areaVector(solid.points_m, loop).normalized();
+std::vector<Vector3> normalsOf(const Polyhedron& solid) {
+  std::vector<Vector3> normals;
+  for (const auto& loop : solid.loops)
+    normals.push_back(areaVector(solid.points_m, loop).normalized());
+  return normals;
+}
+
+/// How far a face rises over a plane.
+double heightOver(const Polyhedron& solid, const Vector3& normal, const Vector3& point_m, std::size_t face) {
   double highest = 0.0;
   for (const std::uint32_t v : solid.loops[face])
-    highest = std::max(highest, normal.dot(solid.points_m[v] - solid.points_m[loop[0]]));
+    highest = std::max(highest, normal.dot(solid.points_m[v] - point_m));
   return highest;
 }
 
-bool areAntiparallel(const Polyhedron& solid, std::size_t a, std::size_t b) {
-  const Vector3 normal = areaVector(solid.points_m, solid.loops[a]).normalized();
-  return normal.dot(areaVector(solid.points_m, solid.loops[b]).normalized()) < kFolded;
+/// Of a ball around the middle of the vertices that no face's plane enters; negative where there is none. What lies
+/// behind all these planes is a part of the polyhedron, convex or not.
+double radiusInside(const Polyhedron& solid) {
+  Vector3 middle = Vector3::Zero();
+  for (const Vector3& p : solid.points_m)
+    middle += p / static_cast<double>(solid.points_m.size());
+  double radius = std::numeric_limits<double>::infinity();
+  for (const auto& loop : solid.loops) {
+    const Vector3 normal = areaVector(solid.points_m, loop).normalized();
+    radius = std::min(radius, normal.dot(solid.points_m[loop[0]] - middle));
+  }
+  return radius;
 }
 
 }  // namespace
@@ -109,21 +122,28 @@ double shortestEdge(const Polyhedron& solid) {
 }
 
 double deepestDent(const Polyhedron& solid) {
-  std::map<Edge, std::size_t> face_of;
+  std::vector<std::pair<Edge, std::size_t>> face_of;
   for (std::size_t f = 0; f < solid.loops.size(); ++f) {
     const auto& loop = solid.loops[f];
     for (std::size_t i = 0; i < loop.size(); ++i)
-      face_of[{loop[i], loop[(i + 1) % loop.size()]}] = f;
+      face_of.push_back({{loop[i], loop[(i + 1) % loop.size()]}, f});
   }
+  std::sort(face_of.begin(), face_of.end());
+  const std::vector<Vector3> normals = normalsOf(solid);
+  const auto heightOverFace = [&](std::size_t plane, std::size_t face) {
+    return heightOver(solid, normals[plane], solid.points_m[solid.loops[plane][0]], face);
+  };
   double deepest = 0.0;
   for (const auto& [edge, face] : face_of) {
-    const auto other = face_of.find({edge.second, edge.first});
-    if (edge.first > edge.second || other == face_of.end())
+    if (edge.first > edge.second)
       continue;
-    if (areAntiparallel(solid, face, other->second))
+    const Edge back(edge.second, edge.first);
+    const auto other = std::lower_bound(face_of.begin(), face_of.end(), std::pair(back, std::size_t{0}));
+    if (other == face_of.end() || other->first != back)
+      continue;
+    if (normals[face].dot(normals[other->second]) < kFolded)
       return std::numeric_limits<double>::infinity();
-    deepest =
-        std::max(deepest, std::min(heightOver(solid, face, other->second), heightOver(solid, other->second, face)));
+    deepest = std::max(deepest, std::min(heightOverFace(face, other->second), heightOverFace(other->second, face)));
   }
   return deepest;
 }
@@ -147,6 +167,11 @@ double leastWidth(const Polyhedron& solid, double enough_m) {
       return width;
   }
   return width;
+}
+
+bool isWide(const Polyhedron& solid, double width_m) {
+  // The hair's breadth is for rounding.
+  return 2.0 * radiusInside(solid) > (1.0 + 1e-9) * width_m || leastWidth(solid, width_m) >= width_m;
 }
 
 }  // namespace soft_volume::core

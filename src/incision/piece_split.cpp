@@ -209,23 +209,32 @@ class SplitPlan {
 
   /// The border of the faces behind, run through so that it closes them; empty when it is not one simple loop.
   Loop sectionLoop() const {
-    std::map<std::uint32_t, std::uint32_t> next;
-    std::vector<std::pair<std::uint32_t, std::uint32_t>> edges;
+    using Edge = std::pair<std::uint32_t, std::uint32_t>;
+    std::vector<Edge> edges;
     for (const Loop& loop : behind_) {
       for (std::size_t i = 0; i < loop.size(); ++i)
         edges.emplace_back(loop[i], loop[(i + 1) % loop.size()]);
     }
     std::sort(edges.begin(), edges.end());
+    std::vector<Edge> border;
     for (const auto& [a, b] : edges) {
-      if (!std::binary_search(edges.begin(), edges.end(), std::pair(b, a)) && !next.insert({b, a}).second)
-        return {};
+      if (!std::binary_search(edges.begin(), edges.end(), Edge(b, a)))
+        border.emplace_back(b, a);
     }
-    if (next.empty())
+    std::sort(border.begin(), border.end());
+    const auto forks = [](const Edge& a, const Edge& b) { return a.first == b.first; };
+    if (border.empty() || std::adjacent_find(border.begin(), border.end(), forks) != border.end())
       return {};
-    Loop loop = {next.begin()->first};
-    for (std::uint32_t v = next[loop[0]]; v != loop[0] && loop.size() <= next.size(); v = next[v])
-      loop.push_back(v);
-    return loop.size() == next.size() ? loop : Loop();
+    Loop loop = {border[0].first};
+    while (loop.size() <= border.size()) {
+      const auto next = std::lower_bound(border.begin(), border.end(), Edge(loop.back(), 0));
+      if (next == border.end() || next->first != loop.back())
+        return {};
+      if (next->second == loop[0])
+        break;
+      loop.push_back(next->second);
+    }
+    return loop.size() == border.size() ? loop : Loop();
   }
 
   /// One polygon where it is planar. Snapped vertices make it warped; then triangles, the same for both parts.
@@ -260,14 +269,16 @@ class SplitPlan {
 
   bool isGood(const std::vector<Loop>& loops) const {
     Polyhedron solid;
-    std::map<std::uint32_t, std::uint32_t> numbers;
+    Loop vertices;
     for (const Loop& loop : loops) {
       solid.loops.emplace_back();
       for (const std::uint32_t v : loop) {
-        const auto [found, is_new] = numbers.insert({v, static_cast<std::uint32_t>(solid.points_m.size())});
-        if (is_new)
-          solid.points_m.push_back(place(v));
-        solid.loops.back().push_back(found->second);
+        const auto number = std::find(vertices.begin(), vertices.end(), v) - vertices.begin();
+        solid.loops.back().push_back(static_cast<std::uint32_t>(number));
+        if (static_cast<std::size_t>(number) < vertices.size())
+          continue;
+        vertices.push_back(v);
+        solid.points_m.push_back(place(v));
       }
     }
     const double least_area_m2 = kLeastArea * limits_.least_edge_m * limits_.least_edge_m;
@@ -279,7 +290,7 @@ class SplitPlan {
       return false;
     const double dent = deepestDent(solid);
     const double width = std::max(limits_.least_width_m, dent / kDentOfWidth);
-    return dent <= limits_.deepest_dent_m && leastWidth(solid, width) >= width;
+    return dent <= limits_.deepest_dent_m && isWide(solid, width);
   }
 
   const CutMesh& mesh_;
@@ -294,29 +305,21 @@ class SplitPlan {
 
 }  // namespace
 
-const PlaneSides::Side& PlaneSides::sideOf(std::uint32_t vertex) {
-  const auto [place, is_new] = known_.insert({vertex, {0.0, 0}});
-  if (is_new) {
-    const double d = plane_.distance((*positions_m_)[vertex]);
-    place->second = {d, std::abs(d) <= snap_m_ ? 0 : d < 0.0 ? -1 : 1};
-  }
-  return place->second;
-}
-
 std::vector<std::uint32_t> PlaneSides::snap(const std::vector<std::uint32_t>& vertices, double snap_m) {
   std::vector<std::uint32_t> snapped;
   for (const std::uint32_t v : vertices) {
     if (sign(v) == 0 || std::abs(distance(v)) > snap_m)
       continue;
-    known_[v].sign = 0;
+    put_on_[v] = distance(v);
     snapped.push_back(v);
   }
+  farthest_snap_m_ = std::max(farthest_snap_m_, snap_m);
   return snapped;
 }
 
 void PlaneSides::release(const std::vector<std::uint32_t>& vertices) {
   for (const std::uint32_t v : vertices)
-    known_[v].sign = known_[v].distance_m < 0.0 ? -1 : 1;
+    put_on_.erase(v);
 }
 
 std::optional<PieceSplit> planSplit(const CutMesh& mesh, std::uint32_t piece, PlaneSides& sides,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <optional>
 #include <unordered_map>
 #include <vector>
@@ -9,33 +10,44 @@
 
 namespace soft_volume::core {
 
-/// On which side of a plane vertices lie, found once for each, so that all pieces around it agree. Vertices nearer than
-/// the snap distance lie on the plane. `positions_m` may grow.
+/// On which side of a plane vertices lie, the same for all pieces around them. Vertices nearer than the snap distance
+/// lie on the plane. `positions_m` may grow; what is there stays.
 class PlaneSides {
  public:
   PlaneSides(const Plane& plane, double snap_m, const std::vector<Vector3>& positions_m)
-      : plane_(plane), snap_m_(snap_m), positions_m_(&positions_m) {}
+      : plane_(plane), snap_m_(snap_m), farthest_snap_m_(snap_m), positions_m_(&positions_m) {}
 
-  double distance(std::uint32_t vertex) { return sideOf(vertex).distance_m; }
+  double distance(std::uint32_t vertex) const { return sideOf(vertex).distance_m; }
   /// -1, 0 or 1.
-  int sign(std::uint32_t vertex) { return sideOf(vertex).sign; }
+  int sign(std::uint32_t vertex) const { return sideOf(vertex).sign; }
   /// For a vertex that was made on the plane.
-  void putOn(std::uint32_t vertex) { known_[vertex] = {0.0, 0}; }
+  void putOn(std::uint32_t vertex) { put_on_[vertex] = 0.0; }
   /// Takes vertices nearer than this to lie on the plane as well; returns those that were not.
   std::vector<std::uint32_t> snap(const std::vector<std::uint32_t>& vertices, double snap_m);
   /// Undoes it.
   void release(const std::vector<std::uint32_t>& vertices);
 
  private:
-  Plane plane_;
-  double snap_m_;
-  const std::vector<Vector3>* positions_m_;
   struct Side {
     double distance_m;
     int sign;
   };
-  const Side& sideOf(std::uint32_t vertex);
-  std::unordered_map<std::uint32_t, Side> known_;
+  Side sideOf(std::uint32_t vertex) const {
+    const double d = plane_.distance((*positions_m_)[vertex]);
+    if (std::abs(d) <= farthest_snap_m_) {
+      if (const auto put_on = put_on_.find(vertex); put_on != put_on_.end())
+        return {put_on->second, 0};
+      if (std::abs(d) <= snap_m_)
+        return {d, 0};
+    }
+    return {d, d < 0.0 ? -1 : 1};
+  }
+
+  Plane plane_;
+  double snap_m_;
+  double farthest_snap_m_;  // no vertex was put on the plane from farther away
+  const std::vector<Vector3>* positions_m_;
+  std::unordered_map<std::uint32_t, double> put_on_;  // and the distance
 };
 
 /// What every piece keeps, in metres at rest.

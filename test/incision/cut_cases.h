@@ -56,12 +56,8 @@ inline SweptQuad squareQuad(const Vector3& middle, const Vector3& normal, double
   return {middle - u - v, middle + u - v, middle + u + v, middle - u + v};
 }
 
+/// With its own points only, in the order of their numbers.
 inline Polyhedron solidOf(const CutMesh& mesh, std::uint32_t piece) {
-  return {mesh.restPositions(), mesh.loopsOf(piece)};
-}
-
-/// With its own points only, which makes extents cheap and right.
-inline Polyhedron compactSolidOf(const CutMesh& mesh, std::uint32_t piece) {
   const std::vector<std::uint32_t> vertices = mesh.verticesOf(piece);
   Polyhedron solid;
   for (const std::uint32_t v : vertices)
@@ -75,7 +71,7 @@ inline Polyhedron compactSolidOf(const CutMesh& mesh, std::uint32_t piece) {
 }
 
 inline double volumeOfPiece(const CutMesh& mesh, std::uint32_t piece) {
-  return volumeOf(compactSolidOf(mesh, piece));
+  return volumeOf(solidOf(mesh, piece));
 }
 
 inline double totalVolume(const CutMesh& mesh) {
@@ -107,7 +103,7 @@ struct MeshExtremes {
 inline MeshExtremes extremesOf(const CutMesh& mesh) {
   MeshExtremes extremes;
   for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p) {
-    const Polyhedron solid = compactSolidOf(mesh, p);
+    const Polyhedron solid = solidOf(mesh, p);
     extremes.shortest_edge_m = std::min(extremes.shortest_edge_m, shortestEdge(solid));
     extremes.least_width_m = std::min(extremes.least_width_m, leastWidth(solid));
     extremes.deepest_dent_m = std::max(extremes.deepest_dent_m, deepestDent(solid));

@@ -33,6 +33,9 @@ double deepestDent(const Polyhedron& solid);
 /// with a number below `enough_m`, once that is certain.
 double leastWidth(const Polyhedron& solid, double enough_m = 0.0);
 
+/// Whether leastWidth() is at least this; settled by a ball inside in most cases, which is much faster.
+bool isWide(const Polyhedron& solid, double width_m);
+
 /// Sum of the cross products along a loop: twice its area, along its normal (Newell).
 Vector3 areaVector(const std::vector<Vector3>& points_m, const std::vector<std::uint32_t>& loop);
 
