@@ -147,7 +147,7 @@ TEST(BladeCut, APartialCutEndsWhereTheBladeEndedAndStaysClosedThere) {
   std::mt19937 random(kSeed);
   std::uniform_real_distribution<double> part(0.0, 1.0);
   double farthest = 0.0;
-  for (int n = 0; n < 200; ++n) {
+  for (int n = 0; n < caseCount(200); ++n) {
     CutBlock block({4, 6, 4});
     const double end = 1.5 + 3.0 * part(random);
     const double tilt = part(random) - 0.5;
