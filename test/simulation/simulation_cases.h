@@ -48,7 +48,8 @@ inline Lattice cutIntoPieces(Lattice lattice, const std::vector<Material>& mater
   Embedding embedding(mesh);
   for (const SweptQuad& quad : {SweptQuad{at(-1, -1, 0.3), at(2, -1, 0.5), at(2, 2, 0.9), at(-1, 2, 0.7)},
                                 SweptQuad{at(0.45, -1, -1), at(0.45, -1, 2), at(0.4, 0.7, 2), at(0.4, 0.7, -1)}}) {
-    cutMesh(mesh, lattice, materials, CutResolution(), {quad}, 0.0, positions);
+    Lips lips;
+    cutMesh(mesh, lattice, materials, CutResolution(), {quad}, 0.0, lips, positions);
     embedding.update(mesh, lattice);
   }
   return lattice;
