@@ -124,6 +124,7 @@ struct Simulation::Impl {
 
   double dampingFrequency() const;
   void chooseStep();
+  double copiesLimit() const;
   void findPressedFaces();
   double stabilityLimit() const;
   void adoptTopology();
@@ -159,6 +160,7 @@ struct Simulation::Impl {
   SpringModel model;
   std::unique_ptr<Solver> solver;
   mutable std::optional<double> limit_s;
+  mutable std::optional<double> cell_limit_s;  ///< of one cell by itself
   int substeps = 1;
   std::uint32_t lifetime_steps = 1;
 
@@ -226,6 +228,26 @@ double Simulation::Impl::stabilityLimit() const {
   return *limit_s;
 }
 
+/// Copies of cells (incision/embedding.h) may move as freely as a cell by itself, whose limit is lower than that of a
+/// whole lattice; it cannot get lower still because stiffness and mass of a copy have the same share. Infinite without
+/// copies.
+double Simulation::Impl::copiesLimit() const {
+  if (std::all_of(lattice->shares.begin(), lattice->shares.end(), [](double share) { return share == 1.0; }))
+    return std::numeric_limits<double>::infinity();
+  if (!cell_limit_s) {
+    double most = 0.0;
+    for (std::size_t m = 0; m < materials->size(); ++m) {
+      if ((*materials)[m].fixed)
+        continue;
+      const Lattice cell =
+          makeLattice(Vector3i::Ones(), lattice->spacing_m, Vector3::Zero(), {static_cast<std::int32_t>(m)});
+      most = std::max(most, RestSystem(cell, settings.spring_rule, model).largestFrequency());
+    }
+    cell_limit_s = most > 0.0 ? 2.0 / most : std::numeric_limits<double>::infinity();
+  }
+  return *cell_limit_s;
+}
+
 void Simulation::Impl::chooseStep() {
   const double factor = limitFactor(settings.integrator);
   const bool limited = std::isfinite(factor);
@@ -247,6 +269,9 @@ void Simulation::Impl::chooseStep() {
     if (settings.dt_s > limit)
       substeps = static_cast<int>(std::ceil(settings.dt_s / (settings.dt_fraction * limit)));
   }
+  if (limited && !as_written && settings.dt_s > factor * copiesLimit())
+    substeps = std::max(substeps,
+                        static_cast<int>(std::ceil(settings.dt_s / (settings.dt_fraction * factor * copiesLimit()))));
   const double steps = std::round(settings.lifetime_s / settings.dt_s);
   lifetime_steps = static_cast<std::uint32_t>(std::min(std::max(steps, 1.0), 4e9));
 }
@@ -500,6 +525,7 @@ void Simulation::Impl::adoptTopology() {
   }
   for (std::size_t cell = state.lifetimes.size(); cell < lattice->cellCount(); ++cell)
     state.lifetimes.push_back(state.lifetimes[std::size_t(lattice->cell_at[lattice->parent_cells[cell]])]);
+  chooseStep();
   index.refresh();
   oracle.reset();
   pressed_faces.clear();
@@ -803,6 +829,7 @@ void Simulation::restore(SimulationState state) {
   for (const VertexLoad& load : state.loads)
     require(exists(load.vertex) && usable(load.force_n), "the saved state holds a load that does not fit the lattice");
   impl_->state = std::move(state);
+  impl_->chooseStep();
   impl_->current = true;
   impl_->moving.clear();
   for (std::size_t v = 0; v < lattice.vertexCount(); ++v)

@@ -420,6 +420,11 @@ TEST(Embedding, HalvesOfAFreeBarVibrateTwiceAsFast) {
   }
 }
 
+double largestFrequency(const Lattice& lattice, const std::vector<Material>& materials) {
+  const SpringModel model = makeSpringModel(lattice, materials, SpringRule::kIsotropic, 0.0);
+  return RestSystem(lattice, SpringRule::kIsotropic, model).largestFrequency();
+}
+
 // --- in a simulation
 
 TEST(Embedding, ACutKeepsMassMomentumAndEnergy) {
@@ -549,6 +554,34 @@ TEST(Embedding, ACutBlockStandsViolentLoadsAndSettles) {
   }
 }
 
+/// A step close to the limit of the whole lattice is beyond that of chips: it is divided when they appear.
+TEST(Embedding, AStepNearTheLimitStaysStableAmongChips) {
+  EmbeddedBlock block({6, 5, 5});
+  block.materials = oneMaterial(kModulus, 0.0, 0.45);
+  SimulationSettings settings;
+  settings.active_set = ActiveSet::kAll;
+  settings.precision = Precision::kDouble;
+  settings.dt_fraction = 0.98;
+  Simulation simulation(block.lattice, block.materials, settings, 1);
+  const double dt_s = simulation.settings().dt_s;
+  EXPECT_EQ(simulation.substeps(), 1);
+  std::mt19937 random(kSeed);
+  cutAtRandom(block, 12, random);
+  ASSERT_GT(dt_s * largestFrequency(block.lattice, block.materials), 2.0) << "the chips are not fast enough to test it";
+  simulation.adoptTopology();
+  EXPECT_EQ(simulation.substeps(), 2);
+  EXPECT_EQ(simulation.settings().dt_s, dt_s);
+  SimulationState state = simulation.state();
+  for (Vector3& u : state.displacements_m)
+    u = 1e-4 * kH * anyVector(random);
+  simulation.restore(state);
+  const Mechanics before = simulation.mechanics();
+  for (int n = 0; n < 500; ++n)
+    simulation.step();
+  const Mechanics after = simulation.mechanics();
+  EXPECT_LT(after.elastic_j + after.kinetic_j, 2.0 * (before.elastic_j + before.kinetic_j));
+}
+
 TEST(Embedding, ThreadsDoNotChangeTheBitsOfACutBlock) {
   const EmbeddedBlock block = cutOnFloor(0.45);
   std::vector<std::uint64_t> hashes;
@@ -597,11 +630,6 @@ std::size_t cutPlaces(const Lattice& lattice) {
       places.insert(lattice.parent_cells[cell]);
   }
   return places.size();
-}
-
-double largestFrequency(const Lattice& lattice, const std::vector<Material>& materials) {
-  const SpringModel model = makeSpringModel(lattice, materials, SpringRule::kIsotropic, 0.0);
-  return RestSystem(lattice, SpringRule::kIsotropic, model).largestFrequency();
 }
 
 TEST(Embedding, IncisionsThroughManyCellsHardlyShortenTheStableStep) {

@@ -132,7 +132,7 @@ class Simulation {
   void setIntegrator(Integrator integrator, double dt_s);
 
   /// Takes over vertices that an incision added (they start where the vertex that they replicate is, with its velocity)
-  /// and the changed springs.
+  /// and the changed springs. Steps that are too long for copies of cells are divided from now on.
   void adoptTopology();
 
   /// Replaces the state, as taken from state(). Throws InputError when it does not fit the lattice or is not finite.
@@ -147,8 +147,8 @@ class Simulation {
   int threads() const;
   std::uint64_t steps() const;
   SimulationStats stats() const;
-  /// Largest stable step of the undamped explicit integrators, by power iteration on the whole lattice; infinite when
-  /// nothing can move. Computed once per topology.
+  /// Largest stable step of the undamped explicit integrators, by power iteration on the whole lattice without its
+  /// incisions; infinite when nothing can move.
   double stabilityLimit() const;
   /// How many parts a step is divided into.
   int substeps() const;
