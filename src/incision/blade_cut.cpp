@@ -7,6 +7,7 @@
 
 #include "blade_patch.h"
 #include "piece_split.h"
+#include "soft_volume/incision/piece_shape.h"
 
 namespace soft_volume::core {
 namespace {
@@ -356,7 +357,16 @@ class PatchCut {
     return false;
   }
 
+  double resistanceOf(std::int32_t piece) const {
+    const std::uint32_t cell = mesh_.pieces()[static_cast<std::size_t>(piece)].cell;
+    return materials_[lattice_.materials[cell]].cut_resistance_j_m2;
+  }
+
   void open(std::uint32_t face) {
+    const auto& [first, second] = mesh_.faces()[face].pieces;
+    const double area_m2 = 0.5 * areaVector(mesh_.restPositions(), mesh_.faces()[face].loop).norm();
+    result_.opened_area_m2 += area_m2;
+    result_.opened_energy_j += area_m2 * 0.5 * (resistanceOf(first) + resistanceOf(second));
     for (const std::uint32_t v : mesh_.faces()[face].loop) {
       touched_.insert(v);
       result_.rest_box_m.extend(mesh_.restPositions()[v]);

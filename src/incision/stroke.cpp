@@ -1,6 +1,7 @@
 #include "soft_volume/incision/stroke.h"
 
 #include <algorithm>
+#include <cassert>
 
 namespace soft_volume::core {
 namespace {
@@ -27,12 +28,13 @@ void Stroke::emit(std::vector<SweptQuad>& quads) {
   const Edge last = edges_.back();
   quads.push_back({first.tip, first.heel, last.heel, last.tip});
   edges_ = {last};
+  has_joint_ = true;
 }
 
 void Stroke::add(const SweptQuad& sweep, std::vector<SweptQuad>& quads) {
   const Edge from{sweep[0], sweep[1]};
   const Edge to{sweep[3], sweep[2]};
-  if (edges_.empty() || !(edges_.back() == from)) {
+  if (edges_.empty() || !(blade_ == from)) {
     end(quads);
     edges_ = {from};
   }
@@ -42,6 +44,7 @@ void Stroke::add(const SweptQuad& sweep, std::vector<SweptQuad>& quads) {
   if (edges_.size() > 1 && moved(edges_.back()) >= settings_.least_width_m && leaves(to))
     emit(quads);
   edges_.push_back(to);
+  blade_ = to;
   if (moved(to) >= settings_.stride_m)
     emit(quads);
 }
@@ -50,6 +53,19 @@ void Stroke::end(std::vector<SweptQuad>& quads) {
   if (edges_.size() > 1 && !(edges_.back() == edges_.front()))
     emit(quads);
   edges_.clear();
+  has_joint_ = false;
+}
+
+std::optional<std::array<Vector3, 2>> Stroke::joint() const {
+  if (!has_joint_)
+    return std::nullopt;
+  return std::array<Vector3, 2>{edges_.front().tip, edges_.front().heel};
+}
+
+void Stroke::moveJoint(const std::array<Vector3, 2>& edge_m) {
+  assert(has_joint_ && lips_.edge_m == *joint());
+  edges_.front() = {edge_m[0], edge_m[1]};
+  lips_.edge_m = edge_m;
 }
 
 }  // namespace soft_volume::core

@@ -166,6 +166,25 @@ TEST(BladeCut, APartialCutEndsWhereTheBladeEndedAndStaysClosedThere) {
   EXPECT_LT(farthest, 0.5);
 }
 
+TEST(BladeCut, EnergyIsOpenedAreaTimesTheMeanResistanceOfBothSides) {
+  CutBlock block({4, 3, 3});
+  block.materials = {block.materials[0], block.materials[0], block.materials[0]};
+  block.materials[0].cut_resistance_j_m2 = 100.0;
+  block.materials[1].cut_resistance_j_m2 = 300.0;
+  block.materials[2].cut_resistance_j_m2 = 50.0;
+  for (std::uint32_t c = 0; c < block.lattice.cellCount(); ++c)
+    block.lattice.materials[c] = c % 4 == 2 ? 1 : c % 4 == 3 ? 2 : 0;
+  const double area = 9 * kH * kH;
+  const BladeCutResult between = block.cut({squareQuad(Vector3(2, 2, 2) * kH, {1, 0, 0}, 10 * kH)});
+  EXPECT_NEAR(between.opened_area_m2, area, 1e-9 * area);
+  EXPECT_NEAR(between.opened_energy_j, 200.0 * area, 1e-6 * area);
+  // The tissue is stretched to twice its length: areas are those at rest.
+  block.deform([](const Vector3& p) { return Vector3(p); });
+  const BladeCutResult inside = block.cut({squareQuad(Vector3(7.2, 4, 4) * kH, {1, 0, 0}, 20 * kH)});
+  EXPECT_NEAR(inside.opened_area_m2, area, 1e-9 * area);
+  EXPECT_NEAR(inside.opened_energy_j, 50.0 * area, 1e-6 * area);
+}
+
 TEST(BladeCut, IgnoresWhatIsNoCut) {
   CutBlock block({3, 3, 3});
   const Vector3 p(1.2 * kH, 1.3 * kH, 1.1 * kH);

@@ -183,6 +183,7 @@ TEST(RandomCuts, OpenWhatTheBladePassedAndNothingElse) {
       }
       opened += 0.5 * areaOf(corners);
     }
+    EXPECT_NEAR(result.opened_area_m2, opened, 1e-12 * kH * kH);
     // The border of the opened area may lie two and a half snap distances beside the blade's.
     const double border = 8 * half * 2.5 * block.resolution.snap;
     const double error = std::abs(opened - areaOf(passed)) / (kH * kH);

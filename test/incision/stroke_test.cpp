@@ -84,6 +84,78 @@ TEST(Stroke, QuadsThatAreCutAsTheyCompletePartABlockLikeOneCall) {
   }
 }
 
+TEST(Stroke, GoesOnWhereItsJointWasMovedTo) {
+  Stroke stroke(kSettings);
+  std::vector<SweptQuad> quads;
+  EXPECT_FALSE(stroke.joint());
+  stroke.add(sweepBetween(0.0, 0.1), quads);
+  EXPECT_FALSE(stroke.joint()) << "nothing is cut yet";
+  stroke.add(sweepBetween(0.1, 1.0), quads);
+  ASSERT_EQ(quads.size(), 1U);
+  ASSERT_TRUE(stroke.joint());
+  EXPECT_EQ((*stroke.joint())[0], quads[0][3]);
+  EXPECT_EQ((*stroke.joint())[1], quads[0][2]);
+
+  CutBlock block({8, 8, 3});
+  block.cut(quads, stroke.lips());
+  stroke.add(sweepBetween(1.0, 1.1), quads);
+  ASSERT_EQ(quads.size(), 1U);
+  const std::array<Vector3, 2> moved = {quads[0][3] + Vector3(0, 1e-4, 0), quads[0][2] + Vector3(1e-4, 0, 0)};
+  stroke.moveJoint(moved);
+  EXPECT_EQ(*stroke.joint(), moved);
+  EXPECT_EQ(stroke.lips().edge_m, moved);
+  stroke.add(sweepBetween(1.1, 2.0), quads);
+  ASSERT_EQ(quads.size(), 2U) << "the same stroke";
+  EXPECT_EQ(quads[1][0], moved[0]);
+  EXPECT_EQ(quads[1][1], moved[1]);
+  EXPECT_EQ(quads[1][3], sweepBetween(1.0, 2.0)[3]);
+  stroke.end(quads);
+  EXPECT_FALSE(stroke.joint());
+}
+
+TEST(Stroke, PartsABlockThatMovesOnBetweenItsQuads) {
+  for (const int sweeps : {25, 200}) {
+    CutBlock block({8, 8, 3});
+    Stroke stroke(kSettings);
+    std::vector<SweptQuad> quads;
+    Vector3 gone = Vector3::Zero();
+    const Vector3 step = Vector3(-0.02, 0.3, 0.1) * kH / 50;
+    const auto cut = [&] {
+      for (const SweptQuad& quad : quads)
+        block.cut({quad}, stroke.lips());
+      quads.clear();
+      block.deform([&](const Vector3&) { return step * 200.0 / sweeps; });
+      gone += step * 200.0 / sweeps;
+      block.reach_m = gone.norm();
+      if (const auto joint = stroke.joint())
+        stroke.moveJoint({(*joint)[0] + step * 200.0 / sweeps, (*joint)[1] + step * 200.0 / sweeps});
+    };
+    for (int n = 0; n < sweeps; ++n) {
+      stroke.add(sweepOf(n, sweeps), quads);
+      cut();
+    }
+    stroke.end(quads);
+    cut();
+    EXPECT_EQ(islandVolumes(block.mesh).size(), 2U) << sweeps;
+    ASSERT_NO_FATAL_FAILURE(expectConsistent(block.mesh));
+  }
+}
+
+TEST(Stroke, AMovedJointRightAfterAQuadKeepsTheStroke) {
+  Stroke stroke(kSettings);
+  std::vector<SweptQuad> quads;
+  stroke.add(sweepBetween(0.0, 1.0), quads);
+  CutBlock block({8, 8, 3});
+  block.cut(quads, stroke.lips());
+  const std::array<Vector3, 2> moved = {quads[0][3] + Vector3(0, 1e-4, 0), quads[0][2]};
+  stroke.moveJoint(moved);
+  stroke.add(sweepBetween(1.0, 2.0), quads);
+  ASSERT_EQ(quads.size(), 2U);
+  EXPECT_EQ(quads[1][0], moved[0]);
+  stroke.end(quads);
+  EXPECT_EQ(quads.size(), 2U) << "nothing is left";
+}
+
 TEST(Stroke, ABladeThatStandsStillGivesNothing) {
   Stroke stroke(kSettings);
   std::vector<SweptQuad> quads;

@@ -27,7 +27,9 @@ struct BladeCutResult {
   std::uint32_t splits_refused = 0;  ///< a part would have been too small: the cut runs along the piece's faces instead
   std::uint32_t faces_opened = 0;
   std::uint32_t vertices_added = 0;
-  Box3 rest_box_m;  ///< rest places of the vertices of opened faces; empty when nothing was opened
+  double opened_area_m2 = 0.0;   ///< at rest, of the opened faces; one lip's
+  double opened_energy_j = 0.0;  ///< that area times the mean of Material::cut_resistance_j_m2 on both of its sides
+  Box3 rest_box_m;               ///< rest places of the vertices of opened faces; empty when nothing was opened
 };
 
 /// What the quads of a stroke leave for those that continue it, in this call of cutMesh() or a later one. Plain data,

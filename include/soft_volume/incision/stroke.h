@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <optional>
 #include <vector>
 
 #include "soft_volume/incision/blade_cut.h"
@@ -31,6 +33,12 @@ class Stroke {
   /// To be given to cutMesh() with the quads, all of them, in order.
   Lips& lips() { return lips_; }
 
+  /// Tip and heel of the blade where the last quad of this stroke ended; nothing before its first and after its end.
+  std::optional<std::array<Vector3, 2>> joint() const;
+  /// Puts them where the tissue that they cut has gone since, so that the next quad starts there. For a stroke that has
+  /// a joint, after cutMesh() had its quads. The sweeps after it stay where they were.
+  void moveJoint(const std::array<Vector3, 2>& edge_m);
+
  private:
   struct Edge {
     Vector3 tip;
@@ -42,6 +50,8 @@ class Stroke {
 
   Settings settings_;
   std::vector<Edge> edges_;  // since the last quad ended; the first is where it did
+  Edge blade_;               // where the last sweep ended
+  bool has_joint_ = false;
   Lips lips_;
 };
 
