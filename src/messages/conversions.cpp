@@ -389,6 +389,7 @@ GridPatch toMessage(const core::GridPatch& patch) {
   message.cell_ids = patch.cell_ids;
   message.stiffness = patch.stiffness_pa;
   message.cut_resistance = patch.cut_resistance_j_m2;
+  message.blade_resistance = patch.blade_resistance_n;
   return message;
 }
 
@@ -404,6 +405,7 @@ core::GridPatch fromMessage(const GridPatch& message) {
   patch.cell_ids = message.cell_ids;
   patch.stiffness_pa = message.stiffness;
   patch.cut_resistance_j_m2 = message.cut_resistance;
+  patch.blade_resistance_n = message.blade_resistance;
   return patch;
 }
 
@@ -434,6 +436,7 @@ ToolCut toMessage(const core::ToolCutCommand& command) {
     for (const core::Vector3& p : quad)
       message.quads.push_back(toPoint(p));
   }
+  message.lifted = static_cast<std::uint8_t>(command.lifted);
   return message;
 }
 
@@ -445,6 +448,7 @@ core::ToolCutCommand fromMessage(const ToolCut& message) {
   command.quads.resize(message.quads.size() / 4);
   for (std::size_t n = 0; n < message.quads.size(); ++n)
     command.quads[n / 4][n % 4] = fromPoint(message.quads[n]);
+  command.lifted = message.lifted != 0;
   return command;
 }
 

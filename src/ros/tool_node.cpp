@@ -54,7 +54,7 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
         const std::lock_guard<std::mutex> lock(mutex_);
         for (const auto& tool : tools_)
-          tool->reset();
+          publishCut(tool->reset(), poseHeader());
         response.success = 1;
         response.message = "forces start at zero again";
         return true;
@@ -187,7 +187,7 @@ void ToolNode::hearButtons(const sensor_msgs::Joy::ConstPtr& message) {
 void ToolNode::swapTool() {
   if (tools_.size() < 2)
     return;
-  tool().reset();
+  publishCut(tool().reset(), poseHeader());
   selected_ = (selected_ + 1) % tools_.size();
   tool().reset();
   ++swaps_;
@@ -218,10 +218,23 @@ void ToolNode::update() {
   publish(tool().update(input_));
 }
 
-void ToolNode::publish(const core::ToolOutput& output) {
+std_msgs::Header ToolNode::poseHeader() const {
   std_msgs::Header header;
   header.stamp = ros::Time(input_.pose_time_s);
   header.frame_id = frame_id_;
+  return header;
+}
+
+void ToolNode::publishCut(const std::optional<core::ToolCutCommand>& command, const std_msgs::Header& header) {
+  if (!command)
+    return;
+  ToolCut cut = toMessage(*command);
+  cut.header = header;
+  cut_publisher_.publish(cut);
+}
+
+void ToolNode::publish(const core::ToolOutput& output) {
+  const std_msgs::Header header = poseHeader();
   geometry_msgs::WrenchStamped servo;
   servo.header = header;
   servo.wrench.force = toVector(output.device_force_n);
@@ -231,11 +244,7 @@ void ToolNode::publish(const core::ToolOutput& output) {
     force.header = header;
     force_publisher_.publish(force);
   }
-  if (output.cut) {
-    ToolCut cut = toMessage(*output.cut);
-    cut.header = header;
-    cut_publisher_.publish(cut);
-  }
+  publishCut(output.cut, header);
   publishState(output, header);
   last_output_ = output;
 }

@@ -196,7 +196,7 @@ Verdict Session::apply(const ToolCutCommand& command) {
   const std::string problem = checkHeader(kCutTopic, command.header);
   if (!problem.empty())
     return {false, problem};
-  if (command.quads.empty() || command.quads.size() > kMaxQuads)
+  if ((command.quads.empty() && !command.lifted) || command.quads.size() > kMaxQuads)
     return {false, "the number of quads is outside [1, 10000]"};
   if (!allFinite(command))
     return {false, "a point of the blade is not finite"};

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace soft_volume::core {
 namespace {
@@ -35,7 +36,12 @@ bool Scalpel::sweptTissue(const PatchContact& field, const Edge& from, const Edg
   return false;
 }
 
-void Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<SweptQuad>& quads) {
+bool Scalpel::lift() {
+  start_.reset();
+  return std::exchange(has_cut_, false);
+}
+
+bool Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<SweptQuad>& quads) {
   Edge now;
   now.tip = pose.position_m;
   now.heel = pose * Vector3(0.0, 0.0, blade_length_m_);
@@ -43,19 +49,21 @@ void Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<Swept
   if (!start_) {
     start_ = now;
     start_in_tissue_ = now.in_tissue;
-    return;
+    return false;
   }
   start_->in_tissue = now.in_tissue;
   if (!start_in_tissue_ && !now.in_tissue && !sweptTissue(field, *start_, now)) {
     start_ = now;
-    return;
+    return std::exchange(has_cut_, false);
   }
   const double moved = std::max((now.tip - start_->tip).norm(), (now.heel - start_->heel).norm());
   if (moved < min_move_m_)
-    return;
+    return false;
   quads.push_back({start_->tip, start_->heel, now.heel, now.tip});
   start_ = now;
   start_in_tissue_ = now.in_tissue;
+  has_cut_ = true;
+  return false;
 }
 
 }  // namespace soft_volume::core

@@ -39,6 +39,7 @@ Tool::Tool(const ToolConfig& config, std::uint64_t first_sequence)
       stiffness_n_m_(config.coupling.renderedStiffness(config.device)),
       probe_(config.tip_radius_m, stiffness_n_m_, config.coupling.damping_n_s_m),
       scalpel_(config.blade_length_m, config.blade_min_move_m),
+      resistance_(stiffness_n_m_),
       limiter_(config.device, config.safety),
       force_sequence_(first_sequence),
       cut_sequence_(first_sequence) {
@@ -48,10 +49,11 @@ Tool::Tool(const ToolConfig& config, std::uint64_t first_sequence)
 void Tool::forgetPatch() {
   if (field_)
     field_->clear();
+  reset();  // a stroke ends with its session: nobody has to be told
   header_ = {};
   header_.tool_id = config_.id;
+  blade_resistance_n_ = 0.0;
   pushing_ = false;
-  reset();
 }
 
 void Tool::setVolume(std::shared_ptr<const Volume> volume) {
@@ -73,19 +75,33 @@ void Tool::setPatch(const GridPatch& patch) {
     throw InputError("grid patch: it came before the volume and the grid; wait for them");
   if (patch.tool_id != config_.id)
     throw InputError("grid patch: made for tool '" + patch.tool_id + "'");
+  if (!(std::isfinite(patch.blade_resistance_n) && patch.blade_resistance_n >= 0.0))
+    throw InputError("grid patch: the blade's resistance is not a number from 0 on; wait for the next patch");
   field_->update(*topology_, patch);
+  blade_resistance_n_ = patch.blade_resistance_n;
   header_.session = patch.session;
   header_.revision = patch.revision;
   header_.step = patch.step;
 }
 
-void Tool::reset() {
+std::optional<ToolCutCommand> Tool::reset() {
   limiter_.reset();
   probe_.reset();
-  scalpel_.lift();
   contact_ = {};
   in_incision_ = false;
   has_pose_ = false;
+  return lift();
+}
+
+std::optional<ToolCutCommand> Tool::lift() {
+  resistance_.reset();
+  cut_pose_.reset();
+  if (!scalpel_.lift())
+    return std::nullopt;
+  ToolCutCommand command;
+  command.header = nextHeader(cut_sequence_);
+  command.lifted = true;
+  return command;
 }
 
 void Tool::estimateVelocity(const ToolInput& input) {
@@ -109,8 +125,8 @@ Vector3 Tool::cut(const ToolInput& input, ToolOutput& output) {
   Pose pose = input.pose;
   pose.orientation.normalize();
   ToolCutCommand command;
-  scalpel_.cut(*field_, pose, command.quads);
-  if (!command.quads.empty()) {
+  command.lifted = scalpel_.cut(*field_, pose, command.quads);
+  if (!command.quads.empty() || command.lifted) {
     command.header = nextHeader(cut_sequence_);
     output.cut = std::move(command);
   }
@@ -119,7 +135,19 @@ Vector3 Tool::cut(const ToolInput& input, ToolOutput& output) {
   contact_ = {};
   probe_.reset();
   push_point_m_ = input.pose.position_m;
-  return output.cutting ? Vector3(-config_.cutting_drag_n_s_m * velocity_m_s_) : Vector3(Vector3::Zero());
+  if (output.cutting)
+    return cuttingForce(input.pose.position_m, input.pose_time_s);
+  resistance_.reset();
+  cut_pose_.reset();
+  return Vector3::Zero();
+}
+
+Vector3 Tool::cuttingForce(const Vector3& position_m, double time_s) {
+  const CutPose before = cut_pose_.value_or(CutPose{position_m, time_s});
+  const double dt_s = std::max(0.0, time_s - before.time_s);
+  cut_pose_ = CutPose{position_m, time_s};
+  return resistance_.update(position_m - before.position_m, dt_s, blade_resistance_n_) -
+         config_.cutting_drag_n_s_m * velocity_m_s_;
 }
 
 void Tool::press(const ToolInput& input, Vector3& wish_n) {
@@ -139,12 +167,12 @@ void Tool::press(const ToolInput& input, Vector3& wish_n) {
 Vector3 Tool::wishedForce(const ToolInput& input, ToolOutput& output) {
   if (!field_ || field_->empty()) {
     contact_ = {};
-    scalpel_.lift();
+    output.cut = lift();
     return Vector3::Zero();
   }
   if (config_.kind == ToolKind::kScalpel && input.buttons.test(config_.cut_button))
     return cut(input, output);
-  scalpel_.lift();
+  output.cut = lift();
   Vector3 wish = Vector3::Zero();
   press(input, wish);
   return wish;
@@ -177,7 +205,7 @@ ToolOutput Tool::update(const ToolInput& input) {
     estimateVelocity(input);
     wish = wishedForce(input, output);
   } else {
-    scalpel_.lift();
+    output.cut = lift();
     has_pose_ = false;
     velocity_m_s_.setZero();
   }

@@ -245,7 +245,8 @@ TEST(Conversions, AnEmptyMovedBoxStaysEmpty) {
 }
 
 TEST(Conversions, PatchesSurviveTheRoundTrip) {
-  const core::GridPatch before = makeUsedSession()->patch("probe", {0.024, 0.024, 0.031}, 0.01);
+  core::GridPatch before = makeUsedSession()->patch("probe", {0.024, 0.024, 0.031}, 0.01);
+  before.blade_resistance_n = 0.75;
   ASSERT_FALSE(before.cell_ids.empty());
   const core::GridPatch after = fromMessage(toMessage(before));
   EXPECT_EQ(after.session, kSession);
@@ -258,6 +259,7 @@ TEST(Conversions, PatchesSurviveTheRoundTrip) {
   EXPECT_EQ(after.cell_ids, before.cell_ids);
   EXPECT_EQ(after.stiffness_pa, before.stiffness_pa);
   EXPECT_EQ(after.cut_resistance_j_m2, before.cut_resistance_j_m2);
+  EXPECT_EQ(after.blade_resistance_n, 0.75);
 }
 
 TEST(Conversions, ForcesAndCutsSurviveTheRoundTrip) {
@@ -273,8 +275,11 @@ TEST(Conversions, ForcesAndCutsSurviveTheRoundTrip) {
   cut.apply_at_step = 130;
   for (int n = 0; n < 4; ++n)
     cut.quads.push_back(toPoint({0.1 * n, 0.2, 0.3}));
+  EXPECT_FALSE(fromMessage(cut).lifted);
+  cut.lifted = 1;
   EXPECT_EQ(toMessage(fromMessage(cut)), cut);
   EXPECT_EQ(fromMessage(cut).quads[1][3], core::Vector3(0.1 * 3, 0.2, 0.3));
+  EXPECT_TRUE(fromMessage(cut).lifted);
 }
 
 TEST(Conversions, GripsSurviveTheRoundTrip) {

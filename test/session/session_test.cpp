@@ -153,6 +153,15 @@ TEST(Session, RefusesCutsThatItCannotUse) {
   refuses([](ToolCutCommand& c) { c.quads[0][2].y() = 1e6; });
 }
 
+TEST(Session, TheEndOfAStrokeNeedsNoQuads) {
+  const auto session = makeSession();
+  ToolCutCommand command = slice(*session, 1);
+  command.quads.clear();
+  command.lifted = true;
+  EXPECT_TRUE(session->apply(command).applied);
+  EXPECT_EQ(session->lattice().revision, 1U);
+}
+
 TEST(Session, AToolThatCutsMayBeARevisionBehindForAMoment) {
   const auto session = makeSession();
   ToolForceCommand late = push(*session, 1);

@@ -16,7 +16,7 @@ class ScalpelTest : public testing::Test {
   ScalpelTest() { field_.update(tissue_.topology, tissue_.patch); }
 
   void cutAt(const Vector3& tip, const Quaternion& orientation = Quaternion::Identity()) {
-    scalpel_.cut(field_, {tip, orientation}, quads_);
+    ends_ += scalpel_.cut(field_, {tip, orientation}, quads_) ? 1 : 0;
   }
   /// Draws the blade from one place to another at a speed, a pose every millisecond.
   void draw(const Vector3& from, const Vector3& to, double speed_m_s) {
@@ -35,6 +35,7 @@ class ScalpelTest : public testing::Test {
   PatchContact field_{tissue_.volume, 0.0};
   Scalpel scalpel_{kBlade, kMinMove};
   std::vector<SweptQuad> quads_;
+  int ends_ = 0;
 };
 
 TEST_F(ScalpelTest, SweepsJoinWithoutGapsAtEverySpeed) {
@@ -101,6 +102,27 @@ TEST_F(ScalpelTest, FastBladeDoesNotJumpOverThinTissue) {
   cutAt({0.040, 0.030, 0.030});
   ASSERT_EQ(quads_.size(), 1U);
   EXPECT_EQ(quads_[0][3], Vector3(0.040, 0.030, 0.030));
+}
+
+TEST_F(ScalpelTest, LeavingTheTissueEndsAStrokeOnce) {
+  draw({0.020, 0.030, 0.035}, {0.030, 0.030, 0.035}, 0.1);
+  EXPECT_EQ(ends_, 0);
+  draw({0.030, 0.030, 0.035}, {0.035, 0.030, 0.045}, 0.1);
+  draw({0.035, 0.030, 0.045}, {0.035, 0.030, 0.050}, 0.1);
+  EXPECT_EQ(ends_, 1);
+  EXPECT_FALSE(scalpel_.lift());
+  draw({0.035, 0.030, 0.050}, {0.035, 0.030, 0.035}, 0.1);  // in again: another stroke
+  EXPECT_EQ(ends_, 1);
+  EXPECT_TRUE(scalpel_.lift());
+  EXPECT_FALSE(scalpel_.lift());
+}
+
+TEST_F(ScalpelTest, BladeThatDidNotCutHasNoStrokeToEnd) {
+  cutAt({0.030, 0.030, 0.035});
+  EXPECT_FALSE(scalpel_.lift());
+  draw({0.010, 0.030, 0.045}, {0.050, 0.030, 0.045}, 0.1);
+  EXPECT_EQ(ends_, 0);
+  EXPECT_FALSE(scalpel_.lift());
 }
 
 TEST_F(ScalpelTest, LiftedBladeStartsANewStroke) {

@@ -41,6 +41,7 @@ class ToolTest : public testing::Test {
   void start(const ToolConfig& config) {
     tool_ = std::make_unique<Tool>(config);
     last_sequence_ = 0;
+    last_cut_sequence_ = 0;
     connect(*tool_, tissue_);
     input_.time_s = 10.0;
     input_.pose.position_m = kAbove;
@@ -52,6 +53,12 @@ class ToolTest : public testing::Test {
     checkForce();
     for (const auto& quad : output_.cut ? output_.cut->quads : std::vector<SweptQuad>())
       quads_.push_back(quad);
+    if (output_.cut) {
+      EXPECT_GT(output_.cut->header.sequence, last_cut_sequence_);
+      EXPECT_TRUE(output_.cut->lifted || !output_.cut->quads.empty());
+      last_cut_sequence_ = output_.cut->header.sequence;
+      ends_ += output_.cut->lifted ? 1 : 0;
+    }
     return output_;
   }
   const ToolOutput& cycle() {
@@ -86,7 +93,9 @@ class ToolTest : public testing::Test {
   ToolInput input_;
   ToolOutput output_;
   std::vector<SweptQuad> quads_;
+  int ends_ = 0;
   std::uint64_t last_sequence_ = 0;
+  std::uint64_t last_cut_sequence_ = 0;
   int commands_ = 0;
 };
 
@@ -248,6 +257,72 @@ TEST_F(ToolTest, ScalpelPressesUntilItCutsAndAgainOnceItHasBeenFree) {
   moveTo(kAbove);
   moveTo(kDeep);
   EXPECT_NEAR(output_.device_force_n.z(), output_.coupling_stiffness_n_m * 0.005, 1e-3);
+}
+
+TEST_F(ToolTest, TheTissueHearsOnceThatAStrokeEnded) {
+  start(scalpelConfig());
+  const auto cutFor10Millimetres = [this] {
+    moveTo(kDeep);
+    input_.buttons.set(2);
+    moveTo(kDeep + Vector3(0.010, 0.0, 0.0));
+  };
+  cutFor10Millimetres();
+  EXPECT_EQ(ends_, 0);
+  input_.buttons.reset();  // the button
+  cycle();
+  EXPECT_EQ(ends_, 1);
+  cutFor10Millimetres();
+  for (int n = 0; n < 60; ++n)
+    silentCycle();  // the device
+  EXPECT_EQ(ends_, 2);
+  input_.buttons.reset();
+  cutFor10Millimetres();
+  moveTo(kAbove);  // the blade is out
+  EXPECT_EQ(ends_, 3);
+  input_.buttons.reset();
+  hold(0.1);
+  EXPECT_EQ(ends_, 3);
+  cutFor10Millimetres();
+  const auto end = tool_->reset();  // the tool is put down
+  ASSERT_TRUE(end.has_value());
+  EXPECT_TRUE(end->lifted && end->quads.empty());
+  EXPECT_GT(end->header.sequence, last_cut_sequence_);
+  EXPECT_EQ(end->header.session, tissue_.patch.session);
+  EXPECT_FALSE(tool_->reset().has_value());
+}
+
+TEST_F(ToolTest, AStrokeWithoutAQuadHasNoEnd) {
+  start(scalpelConfig());
+  moveTo(kDeep);
+  input_.buttons.set(2);
+  hold(0.05);
+  input_.buttons.reset();
+  hold(0.05);
+  EXPECT_EQ(ends_, 0);
+}
+
+TEST_F(ToolTest, ABladeFeelsTheResistanceThatTheSimulationMeasured) {
+  start(scalpelConfig());
+  moveTo(kDeep);
+  input_.buttons.set(2);
+  hold(0.3);
+  tissue_.patch.blade_resistance_n = 0.2;
+  tool_->setPatch(tissue_.patch);
+  moveTo(kDeep + Vector3(0.020, 0.0, 0.0), 0.05);
+  EXPECT_NEAR((output_.device_force_n - Vector3(-0.2 - 0.1 * 0.05, 0.0, 0.0)).norm(), 0.0, 1e-4);
+  tissue_.patch.blade_resistance_n = 50.0;  // more than the device may render, and not at once
+  tool_->setPatch(tissue_.patch);
+  const double before = output_.device_force_n.norm();
+  moveTo(kDeep + Vector3(0.020, 0.001, 0.0), 0.05);
+  EXPECT_LE(output_.device_force_n.norm() - before, 0.1 * 20 + 1e-9);
+  tissue_.patch.blade_resistance_n = 0.0;
+  tool_->setPatch(tissue_.patch);
+  cycle();
+  EXPECT_LT(output_.device_force_n.norm(), 0.02);
+  tissue_.patch.blade_resistance_n = std::nan("");
+  EXPECT_THROW(tool_->setPatch(tissue_.patch), InputError);
+  tissue_.patch.blade_resistance_n = -1.0;
+  EXPECT_THROW(tool_->setPatch(tissue_.patch), InputError);
 }
 
 TEST_F(ToolTest, OnlyTheCutButtonOfAScalpelCuts) {

@@ -9,6 +9,7 @@
 #include <soft_volume/GridTopology.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/Volume.h>
+#include <std_msgs/Header.h>
 #include <std_srvs/Trigger.h>
 
 #include <cstdint>
@@ -54,7 +55,9 @@ class ToolNode {
   void swapTool();
   void update();
   double now() const;
+  std_msgs::Header poseHeader() const;
   void publish(const core::ToolOutput& output);
+  void publishCut(const std::optional<core::ToolCutCommand>& command, const std_msgs::Header& header);
   void publishState(const core::ToolOutput& output, const std_msgs::Header& header);
   core::Tool& tool() { return *tools_[selected_]; }
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);

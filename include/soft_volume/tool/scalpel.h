@@ -15,15 +15,16 @@ namespace soft_volume::core {
 /// quad is emitted once one end of the edge has moved at least `min_move_m` since the last quad, and starts where that
 /// one ended, so a stroke has no gaps whatever its speed, and a blade that stands still cuts nothing. The stroke begins
 /// with the last pose before the tissue, so that the skin is cut too, and it ends, without a rest shorter than
-/// `min_move_m`, when the button is let go or the device fails. One thread at a time.
+/// `min_move_m`, when the blade has left the tissue, the button is let go or the device fails. One thread at a time.
 class Scalpel {
  public:
   Scalpel(double blade_length_m, double min_move_m) : blade_length_m_(blade_length_m), min_move_m_(min_move_m) {}
 
   /// Appends to `quads` what the edge swept since the last quad. Call for every pose while the cut button is held.
-  void cut(const PatchContact& field, const Pose& pose, std::vector<SweptQuad>& quads);
-  /// Ends the stroke: the next cut() starts a new one.
-  void lift() { start_.reset(); }
+  /// True when the blade has left the tissue, which ends a stroke that cut; the quads that cut came before.
+  bool cut(const PatchContact& field, const Pose& pose, std::vector<SweptQuad>& quads);
+  /// Ends the stroke: the next cut() starts a new one. True when it had cut.
+  bool lift();
   /// True while the edge of the last cut() was in tissue.
   bool inTissue() const { return start_ && start_->in_tissue; }
 
@@ -40,6 +41,7 @@ class Scalpel {
   double min_move_m_;
   std::optional<Edge> start_;     // edge where the next quad begins; in_tissue is that of the newest pose
   bool start_in_tissue_ = false;  // whether the quad's beginning lies in tissue
+  bool has_cut_ = false;          // the stroke under way has emitted quads
 };
 
 }  // namespace soft_volume::core

@@ -9,6 +9,7 @@
 #include "soft_volume/common/geometry.h"
 #include "soft_volume/grid/patch.h"
 #include "soft_volume/grid/topology.h"
+#include "soft_volume/tool/cut_resistance.h"
 #include "soft_volume/tool/force_limiter.h"
 #include "soft_volume/tool/patch_contact.h"
 #include "soft_volume/tool/probe.h"
@@ -61,7 +62,7 @@ struct ToolInput {
 /// What follows from one input; everything that the messages ToolForce, ToolCut, ToolState and servo_cf need.
 struct ToolOutput {
   std::optional<ToolForceCommand> force;     ///< to the tissue; sent once with zero force when a contact ends
-  std::optional<ToolCutCommand> cut;         ///< to the tissue
+  std::optional<ToolCutCommand> cut;         ///< to the tissue; also, without quads, once a stroke ends
   Vector3 device_force_n = Vector3::Zero();  ///< to the device; opposes the push
   Vector3 velocity_m_s = Vector3::Zero();    ///< of the tip, as used
   Contact contact;                           ///< none during a fault
@@ -80,8 +81,9 @@ struct ToolOutput {
 /// third law): a limited, ramping or dead device never pushes the tissue harder than the hand feels.
 ///
 /// A scalpel presses like a probe until its button is held. While it cuts, the blade passes through the tissue and
-/// feels a small viscous drag only; the resistance of the tissue to being cut is not modelled. After a cut it presses
-/// again once its tip has been free: until then it stays in the incision that it made.
+/// feels a small viscous drag and the resistance of the tissue to being cut (cut_resistance.h), as far as the
+/// simulation measures it and the device can render it. After a cut it presses again once its tip has been free: until
+/// then it stays in the incision that it made.
 ///
 /// Not thread safe: the caller serialises all calls. update() allocates for commands only (the id, the quads).
 class Tool {
@@ -102,18 +104,26 @@ class Tool {
 
   ToolOutput update(const ToolInput& input);
 
-  /// Ends a trip, a contact and a stroke; forces start at zero again.
-  void reset();
+  /// Ends a trip, a contact and a stroke; forces start at zero again. Returns the end of the stroke where one was under
+  /// way, to be sent to the tissue.
+  std::optional<ToolCutCommand> reset();
   /// Session, revision and step of the patch in use; zeros before one came.
   const ToolCommandHeader& patchHeader() const { return header_; }
   /// Deformed cells in use; null before a volume came.
   const PatchContact* field() const { return field_ ? &*field_ : nullptr; }
 
  private:
+  struct CutPose {
+    Vector3 position_m;
+    double time_s;
+  };
+
   void forgetPatch();
   void estimateVelocity(const ToolInput& input);
   Vector3 wishedForce(const ToolInput& input, ToolOutput& output);
   Vector3 cut(const ToolInput& input, ToolOutput& output);
+  Vector3 cuttingForce(const Vector3& position_m, double time_s);
+  std::optional<ToolCutCommand> lift();
   void press(const ToolInput& input, Vector3& wish_n);
   void commandForce(ToolOutput& output);
   ToolCommandHeader nextHeader(std::uint64_t& sequence) const;
@@ -125,6 +135,7 @@ class Tool {
   ToolCommandHeader header_;
   Probe probe_;
   Scalpel scalpel_;
+  CutResistance resistance_;
   ForceLimiter limiter_;
 
   std::uint64_t force_sequence_;
@@ -133,6 +144,8 @@ class Tool {
   Vector3 push_point_m_ = Vector3::Zero();  // where the tissue feels the force
   bool pushing_ = false;                    // the tissue's last command was not zero
   bool in_incision_ = false;
+  double blade_resistance_n_ = 0.0;  // of the newest patch
+  std::optional<CutPose> cut_pose_;  // of the newest update that cut
   bool has_pose_ = false;
   double pose_time_s_ = 0.0;
   Vector3 position_m_ = Vector3::Zero();

@@ -36,6 +36,7 @@ using SweptQuad = std::array<Vector3, 4>;
 struct ToolCutCommand {
   ToolCommandHeader header;
   std::vector<SweptQuad> quads;
+  bool lifted = false;  ///< the stroke ends with these quads, which may then be none
 };
 
 /// Jaws that hold tissue and move it; volume frame.
