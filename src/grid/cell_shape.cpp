@@ -9,6 +9,8 @@
 namespace soft_volume::core {
 namespace {
 
+constexpr CellShape kEmpty = {};
+
 constexpr CellShape kTetrahedron = {4,
                                     6,
                                     4,
@@ -138,6 +140,8 @@ void appendLoneFaces(const PlacedFace* faces, const std::vector<FaceKey>& keys, 
 
 const CellShape& shapeOf(CellType type) {
   switch (type) {
+    case CellType::kEmpty:
+      return kEmpty;
     case CellType::kTetrahedron:
       return kTetrahedron;
     case CellType::kVoxel:
@@ -157,6 +161,16 @@ const CellShape& shapeOf(CellType type) {
 
 std::size_t faceCount(CellType type, const std::uint32_t* cell) {
   return type == CellType::kPolyhedron ? cell[0] : shapeOf(type).face_count;
+}
+
+std::vector<std::uint32_t> verticesOfPolyhedron(const std::uint32_t* face_stream) {
+  std::vector<std::uint32_t> vertices;
+  forEachFace(CellType::kPolyhedron, face_stream, [&](std::size_t, const std::uint32_t* face, std::size_t size) {
+    vertices.insert(vertices.end(), face, face + size);
+  });
+  std::sort(vertices.begin(), vertices.end());
+  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+  return vertices;
 }
 
 std::vector<GridFace> boundaryFaces(const std::vector<CellType>& types, const std::vector<std::uint32_t>& offsets,

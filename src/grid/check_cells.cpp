@@ -13,6 +13,7 @@ constexpr std::uint32_t kFewestFaceVertices = 3;
 
 bool isKnown(CellType type) {
   switch (type) {
+    case CellType::kEmpty:
     case CellType::kTetrahedron:
     case CellType::kVoxel:
     case CellType::kHexahedron:
@@ -32,9 +33,10 @@ class CellCheck {
   /// Returns the number of faces.
   std::size_t check(std::size_t cell, CellType type, const std::uint32_t* begin, const std::uint32_t* end) {
     cell_ = cell;
-    require(isKnown(type), "is of VTK type " + std::to_string(int(type)) +
-                               "; known are tetrahedra (10), voxels (11), hexahedra (12), wedges (13), pyramids (14) "
-                               "and polyhedra (42)");
+    require(isKnown(type),
+            "is of VTK type " + std::to_string(int(type)) +
+                "; known are empty cells (0), tetrahedra (10), voxels (11), hexahedra (12), wedges (13), pyramids (14) "
+                "and polyhedra (42)");
     if (type == CellType::kPolyhedron)
       return checkFaceStream(begin, end);
     const CellShape& shape = shapeOf(type);

@@ -157,7 +157,9 @@ Topology makeTopology(const Lattice& lattice, const VolumeGeometry& volume, std:
     topology.texture_coordinates.push_back(volume.toTexture(p).cast<float>());
   }
   topology.fixed = lattice.fixed;
+  topology.origin_vertices = lattice.origin_vertices;
   topology.cell_types.assign(lattice.cellCount(), CellType::kHexahedron);
+  topology.parent_cells = lattice.parent_cells;
   topology.materials = lattice.materials;
   topology.cell_offsets.push_back(0);
   for (std::size_t cell = 0; cell < lattice.cellCount(); ++cell) {

@@ -7,6 +7,7 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
+#include "soft_volume/grid/cell_shape.h"
 #include "soft_volume/simulation/kernel.h"
 #include "soft_volume/simulation/setting_names.h"
 
@@ -259,29 +260,58 @@ Scene sceneMessage(const core::Session& session) {
   return message;
 }
 
-GridTopology topologyMessage(const core::Session& session) {
-  const core::Topology topology = session.topology();
-  const core::Lattice& lattice = session.lattice();
+namespace {
+
+/// The message lists the vertices of a polyhedron beside its face stream; the core keeps the stream alone.
+void putCells(const core::Topology& topology, GridTopology& message) {
+  for (const core::CellType type : topology.cell_types)
+    message.cell_types.push_back(static_cast<std::uint8_t>(type));
+  const auto& types = topology.cell_types;
+  if (std::find(types.begin(), types.end(), core::CellType::kPolyhedron) == types.end()) {
+    message.cell_offsets = topology.cell_offsets;
+    message.connectivity = topology.connectivity;
+    return;
+  }
+  message.cell_offsets = message.face_stream_offsets = {0};
+  for (std::size_t cell = 0; cell < types.size(); ++cell) {
+    const bool is_polyhedron = types[cell] == core::CellType::kPolyhedron;
+    const std::uint32_t* begin = topology.connectivity.data() + topology.cell_offsets[cell];
+    const std::uint32_t* end = topology.connectivity.data() + topology.cell_offsets[cell + 1];
+    auto& numbers = is_polyhedron ? message.face_stream : message.connectivity;
+    numbers.insert(numbers.end(), begin, end);
+    if (is_polyhedron) {
+      const auto vertices = core::verticesOfPolyhedron(begin);
+      message.connectivity.insert(message.connectivity.end(), vertices.begin(), vertices.end());
+    }
+    message.cell_offsets.push_back(static_cast<std::uint32_t>(message.connectivity.size()));
+    message.face_stream_offsets.push_back(static_cast<std::uint32_t>(message.face_stream.size()));
+  }
+}
+
+}  // namespace
+
+GridTopology toMessage(const core::Topology& topology, std::uint64_t step) {
   GridTopology message;
   message.session = topology.session;
   message.revision = topology.revision;
-  message.step = session.steps() + 1;
+  message.step = step;
   message.base_revision = topology.revision;
   message.vertex_count = static_cast<std::uint32_t>(topology.vertexCount());
   message.cell_count = static_cast<std::uint32_t>(topology.cellCount());
   message.rest_positions = toPoints32(topology.rest_positions);
   message.texture_coordinates = toPoints32(topology.texture_coordinates);
   message.fixed = topology.fixed;
-  message.origin_vertices = lattice.origin_vertices;
-  for (const core::CellType type : topology.cell_types)
-    message.cell_types.push_back(static_cast<std::uint8_t>(type));
-  message.cell_offsets = topology.cell_offsets;
-  message.connectivity = topology.connectivity;
-  message.parent_cells = lattice.parent_cells;
+  message.origin_vertices = topology.origin_vertices;
+  putCells(topology, message);
+  message.parent_cells = topology.parent_cells;
   message.materials = topology.materials;
   message.face_neighbours = topology.face_neighbours;
   message.cut_faces = topology.cut_faces;
   return message;
+}
+
+GridTopology topologyMessage(const core::Session& session) {
+  return toMessage(session.topology(), session.steps() + 1);
 }
 
 namespace {
@@ -332,11 +362,13 @@ core::Topology fromMessage(const GridTopology& message) {
   topology.rest_positions = fromPoints32(message.rest_positions);
   topology.texture_coordinates = fromPoints32(message.texture_coordinates);
   topology.fixed = message.fixed;
+  topology.origin_vertices = message.origin_vertices;
   for (const std::uint8_t type : message.cell_types)
     topology.cell_types.push_back(static_cast<core::CellType>(type));
   topology.cell_offsets = message.cell_offsets;
   topology.connectivity = message.connectivity;
   takeFaceStreams(message, topology);
+  topology.parent_cells = message.parent_cells;
   topology.materials = message.materials;
   topology.face_neighbours = message.face_neighbours;
   topology.cut_faces = message.cut_faces;

@@ -8,6 +8,7 @@
 #include "mipmap.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/parallel.h"
+#include "soft_volume/grid/cell_shape.h"
 #include "volume_texels.h"
 
 namespace soft_volume::core {

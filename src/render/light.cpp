@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "vertex_gradients.h"
+#include "soft_volume/grid/cell_shape.h"
 
 namespace soft_volume::core {
 namespace {

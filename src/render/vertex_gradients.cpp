@@ -79,16 +79,6 @@ bool solveMap(const Eigen::Matrix3f& edges, const Map& sums, bool outward_only, 
 
 }  // namespace
 
-std::vector<std::uint32_t> verticesOfPolyhedron(const std::uint32_t* face_stream) {
-  std::vector<std::uint32_t> vertices;
-  forEachFace(CellType::kPolyhedron, face_stream, [&](std::size_t, const std::uint32_t* face, std::size_t size) {
-    vertices.insert(vertices.end(), face, face + size);
-  });
-  std::sort(vertices.begin(), vertices.end());
-  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-  return vertices;
-}
-
 void VertexGradients::setGrid(const DrawnGrid& grid) {
   grid_ = &grid;
   polyhedron_begin_.assign(1, 0);

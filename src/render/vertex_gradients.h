@@ -40,7 +40,4 @@ class VertexGradients {
   std::vector<std::uint32_t> cells_at_vertex_;
 };
 
-/// The vertices of a cell's faces, each once, in increasing order: what a polyhedron's face stream does not say.
-std::vector<std::uint32_t> verticesOfPolyhedron(const std::uint32_t* face_stream);
-
 }  // namespace soft_volume::core

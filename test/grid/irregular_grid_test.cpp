@@ -108,8 +108,22 @@ TEST(TopologyOfAllCells, HasOneNeighbourPerFace) {
   refused([](Topology& t) { t.face_neighbours.push_back(-1); }, "face_neighbours needs one entry per face");
   refused([](Topology& t) { t.cut_faces.pop_back(); }, "cut_faces needs one entry per face");
   refused([](Topology& t) { t.face_neighbours.back() = 6; }, "a face neighbour does not exist");
-  refused([](Topology& t) { t.cell_types[0] = CellType(0); }, "cell 0 is of VTK type 0");
+  refused([](Topology& t) { t.cell_types[0] = CellType(1); }, "cell 0 is of VTK type 1");
+  refused([](Topology& t) { t.cell_types[0] = CellType::kEmpty; }, "where its type has 0");
+  refused([](Topology& t) { t.origin_vertices.assign(3, 0); }, "one origin per vertex");
+  refused([](Topology& t) { t.origin_vertices.assign(t.vertexCount(), 99); }, "an origin vertex does not exist");
+  refused([](Topology& t) { t.parent_cells.assign(2, 0); }, "one parent cell per cell");
   refused([](Topology& t) { t.connectivity.back() = 99; }, "cell 5 names vertex 99");
+}
+
+TEST(TopologyOfAllCells, MayHoldEmptyCells) {
+  Topology topology = mixedTopology();
+  topology.cell_types.push_back(CellType::kEmpty);
+  topology.cell_offsets.push_back(std::uint32_t(topology.connectivity.size()));
+  topology.materials.push_back(0);
+  EXPECT_NO_THROW(topology.validate());
+  topology.cut_faces.push_back(0);
+  EXPECT_THROW(topology.validate(), InputError);
 }
 
 TEST(GridOf, VolumeHasAVertexPerVoxel) {

@@ -132,6 +132,8 @@ TEST(Conversions, TopologySurvivesTheRoundTripAlsoWithACut) {
   EXPECT_EQ(after.rest_positions, before.rest_positions);
   EXPECT_EQ(after.texture_coordinates, before.texture_coordinates);
   EXPECT_EQ(after.fixed, before.fixed);
+  EXPECT_EQ(after.origin_vertices, before.origin_vertices);
+  EXPECT_EQ(after.parent_cells, before.parent_cells);
   EXPECT_EQ(after.cell_types, before.cell_types);
   EXPECT_EQ(after.cell_offsets, before.cell_offsets);
   EXPECT_EQ(after.connectivity, before.connectivity);
@@ -190,6 +192,21 @@ TEST(Conversions, PolyhedraAreFaceStreamsInTheCore) {
   EXPECT_EQ(topology.cell_offsets, (std::vector<std::uint32_t>{0, 17, 21}));
   EXPECT_EQ(topology.connectivity, (std::vector<std::uint32_t>{4, 3, 0, 1, 3, 3, 1, 2, 3, 3, 2, 0, 3, 3, 0, 2, 1,  //
                                                                1, 2, 3, 4}));
+}
+
+TEST(Conversions, CellsOfAllKindsSurviveTheRoundTrip) {
+  core::Topology before = fromMessage(polyhedronMessage());
+  before.cell_types.push_back(core::CellType::kEmpty);
+  before.cell_offsets.push_back(before.cell_offsets.back());
+  before.materials.push_back(0);
+  const GridTopology message = toMessage(before, 3);
+  EXPECT_EQ(message.step, 3U);
+  EXPECT_EQ(message.connectivity, polyhedronMessage().connectivity);
+  EXPECT_EQ(message.face_stream, polyhedronMessage().face_stream);
+  const core::Topology after = fromMessage(message);
+  EXPECT_EQ(after.cell_types, before.cell_types);
+  EXPECT_EQ(after.cell_offsets, before.cell_offsets);
+  EXPECT_EQ(after.connectivity, before.connectivity);
 }
 
 TEST(Conversions, RefusesPolyhedraWithoutTheirFaces) {

@@ -21,7 +21,8 @@ struct CellShape {
   std::array<std::array<std::uint8_t, 4>, 6> faces{};
 };
 
-/// Of any type but the polyhedron, whose shape is in its face stream. Throws InputError on that and on unknown numbers.
+/// Of any type but the polyhedron; an empty cell has none of all, whose shape is in its face stream. Throws InputError
+/// on that and on unknown numbers.
 const CellShape& shapeOf(CellType type);
 
 /// Calls `visit(face number, vertices, size)` for the faces of a cell in their order; `vertices` points to the grid's
@@ -46,6 +47,9 @@ void forEachFace(CellType type, const std::uint32_t* cell, const Visit& visit) {
 
 /// How many faces a cell has.
 std::size_t faceCount(CellType type, const std::uint32_t* cell);
+
+/// The vertices of a cell's faces, each once, in increasing order: what a polyhedron's face stream does not say.
+std::vector<std::uint32_t> verticesOfPolyhedron(const std::uint32_t* face_stream);
 
 struct GridFace {
   std::uint32_t cell;

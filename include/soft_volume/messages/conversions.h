@@ -52,6 +52,9 @@ VolumeAndLabels fromMessage(const Volume& message);
 /// The resolved scene of a session.
 Scene sceneMessage(const core::Session& session);
 
+/// A full topology for the states from a step on.
+GridTopology toMessage(const core::Topology& topology, std::uint64_t step);
+/// That of the steps to come.
 GridTopology topologyMessage(const core::Session& session);
 /// Only full topologies; a delta throws InputError.
 core::Topology fromMessage(const GridTopology& message);

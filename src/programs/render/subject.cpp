@@ -63,6 +63,8 @@ nlohmann::json volumeFacts(const Volume& volume, const std::array<double, 2>& ra
 
 const char* cellName(CellType type) {
   switch (type) {
+    case CellType::kEmpty:
+      return "empty cells";
     case CellType::kTetrahedron:
       return "tetrahedra";
     case CellType::kVoxel:
