@@ -53,7 +53,7 @@ device:
   workspace_centre_m: [0.024, 0.024, 0.05]
   way_points:
     - {time_s: 0, position_m: [0.024, 0.024, 0.05]}
-    - {time_s: 1, position_m: [0.024, 0.024, 0.03], buttons: [0, 3]}
+    - {time_s: 1, position_m: [0.024, 0.024, 0.03], buttons: [0, 3], pass: true}
 )";
 }
 

@@ -252,6 +252,7 @@ WayPoint readWayPoint(YamlMap& map) {
     for (const double b : map.numbers("buttons", 0, {0.0, 31.0}))
       point.buttons.set(static_cast<std::size_t>(b));
   }
+  point.pass = map.flag("pass", point.pass);
   map.finish();
   return point;
 }

@@ -223,6 +223,7 @@ void writeWayPoint(Writer& out, const WayPoint& p) {
     if (p.orientation)
       out.numbers("orientation_xyzw", xyzw(*p.orientation));
     out.numbers("buttons", pressed(p.buttons));
+    out.flag("pass", p.pass);
   });
 }
 

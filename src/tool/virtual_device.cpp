@@ -24,6 +24,25 @@ void checkWayPoint(const VirtualDeviceConfig& config, std::size_t i) {
     checkRange(owner + ": norm of the orientation", point.orientation->norm(), 0.99, 1.01);
 }
 
+/// A cubic on [0, 1] with given values and slopes at its ends.
+template <typename T>
+struct Hermite {
+  T from;
+  T to;
+  T from_slope;
+  T to_slope;
+
+  T value(double u) const {
+    const double v = 1.0 - u;
+    return (1.0 + 2.0 * u) * v * v * from + u * v * v * from_slope + u * u * (3.0 - 2.0 * u) * to -
+           u * u * v * to_slope;
+  }
+  T derivative(double u) const {
+    const double v = 1.0 - u;
+    return 6.0 * u * v * (to - from) + v * (1.0 - 3.0 * u) * from_slope + u * (3.0 * u - 2.0) * to_slope;
+  }
+};
+
 }  // namespace
 
 void VirtualDeviceConfig::validate() const {
@@ -75,6 +94,33 @@ std::size_t VirtualDevice::wayPointAt(double time_s) const {
   return next == points.begin() ? 0 : std::size_t(next - points.begin()) - 1;
 }
 
+bool VirtualDevice::passes(std::size_t way_point) const {
+  const auto& points = config_.way_points;
+  return points[way_point].pass && way_point > 0 && way_point + 1 < points.size();
+}
+
+// The slope of the parabola through a way-point and its neighbours; zero where the hand rests.
+Vector3 VirtualDevice::velocityAt(std::size_t way_point) const {
+  if (!passes(way_point))
+    return Vector3::Zero();
+  const WayPoint* point = &config_.way_points[way_point];
+  const double before_s = point[0].time_s - point[-1].time_s;
+  const double after_s = point[1].time_s - point[0].time_s;
+  const Vector3 before = (point[0].position_m - point[-1].position_m) / before_s;
+  const Vector3 after = (point[1].position_m - point[0].position_m) / after_s;
+  return (after_s * before + before_s * after) / (before_s + after_s);
+}
+
+// Between two way-points, at least one of which the hand passes.
+VirtualDevice::Wanted VirtualDevice::passingBetween(std::size_t i, double u) const {
+  const WayPoint& from = config_.way_points[i];
+  const WayPoint& to = config_.way_points[i + 1];
+  const double duration = to.time_s - from.time_s;
+  const Hermite<Vector3> way{from.position_m, to.position_m, duration * velocityAt(i), duration * velocityAt(i + 1)};
+  const Hermite<double> turn{0.0, 1.0, passes(i) ? 1.0 : 0.0, passes(i + 1) ? 1.0 : 0.0};
+  return {way.value(u), way.derivative(u) / duration, from.orientation->slerp(turn.value(u), *to.orientation)};
+}
+
 // Minimum jerk from rest to rest: s(u) = 10 u^3 - 15 u^4 + 6 u^5 (Flash and Hogan, 1985).
 VirtualDevice::Wanted VirtualDevice::wantedAt(double time_s) const {
   const std::size_t i = wayPointAt(time_s);
@@ -85,6 +131,8 @@ VirtualDevice::Wanted VirtualDevice::wantedAt(double time_s) const {
   const WayPoint& to = config_.way_points[i + 1];
   const double duration = to.time_s - from.time_s;
   const double u = (time_s - from.time_s) / duration;
+  if (passes(i) || passes(i + 1))
+    return passingBetween(i, u);
   const double s = u * u * u * (10.0 + u * (6.0 * u - 15.0));
   const double ds = 30.0 * u * u * (1.0 - u) * (1.0 - u) / duration;
   const Vector3 way = to.position_m - from.position_m;

@@ -53,6 +53,8 @@ TEST(Scene, ReadsWhatIsThereAndFillsInDefaults) {
   EXPECT_EQ(scene.tools[0].device.max_force_n, deviceLimits("touch").max_force_n);
   ASSERT_EQ(scene.device.way_points.size(), 2U);
   EXPECT_TRUE(scene.device.way_points[1].buttons[3]);
+  EXPECT_FALSE(scene.device.way_points[0].pass);
+  EXPECT_TRUE(scene.device.way_points[1].pass);
   EXPECT_NE(scene.findTool("probe"), nullptr);
   EXPECT_EQ(scene.findTool("spoon"), nullptr);
 }

@@ -62,6 +62,66 @@ TEST(VirtualDeviceTest, ButtonsAndOrientationFollowTheWayPoints) {
   EXPECT_NEAR(device.pose().orientation.angularDistance(Quaternion::Identity()), M_PI / 2, 1e-6);
 }
 
+constexpr double kArcRadius = 0.040;
+constexpr double kArcSpeed = 0.015;
+
+/// At an angle of an arc about z; the tool's x axis points along it.
+WayPoint onArc(double time_s, double angle) {
+  return {time_s, kArcRadius * Vector3(std::cos(angle), std::sin(angle), 0.0),
+          Quaternion(Eigen::AngleAxisd(angle + M_PI / 2, Vector3::UnitZ())), Buttons(), true};
+}
+
+/// A curved stroke of 60 mm in six pieces, from rest to rest, at 15 mm/s in between.
+VirtualDeviceConfig moveAlongAnArc() {
+  VirtualDeviceConfig config = holdAt(Vector3::Zero());
+  config.way_points.clear();
+  for (int n = 0; n <= 6; ++n)
+    config.way_points.push_back(onArc(n * 0.010 / kArcSpeed, n * 0.010 / kArcRadius));
+  return config;
+}
+
+TEST(VirtualDeviceTest, PassesWayPointsAlongASmoothCurve) {
+  VirtualDevice device(moveAlongAnArc());
+  Vector3 last_velocity = Vector3::Zero();
+  const double end_s = 6 * 0.010 / kArcSpeed;
+  while (device.time_s() < end_s - 1e-9) {
+    device.step();
+    EXPECT_LT((device.velocity_m_s() - last_velocity).norm(), 2e-4);  // 0.2 m/s^2
+    last_velocity = device.velocity_m_s();
+    EXPECT_NEAR(device.pose().position_m.norm(), kArcRadius, 2e-4);
+    const bool between = device.time_s() > 0.8 && device.time_s() < end_s - 0.8;
+    if (!between)
+      continue;
+    EXPECT_NEAR(last_velocity.norm(), kArcSpeed, 0.1 * kArcSpeed);
+    const Vector3 ahead = device.pose().orientation * Vector3::UnitX();
+    EXPECT_GT(ahead.dot(last_velocity.normalized()), std::cos(3.0 * M_PI / 180.0));
+  }
+  EXPECT_LT((device.pose().position_m - moveAlongAnArc().way_points.back().position_m).norm(), 2e-4);
+}
+
+TEST(VirtualDeviceTest, IsAtEveryWayPointThatItPassesInTime) {
+  const VirtualDeviceConfig config = moveAlongAnArc();
+  VirtualDevice device(config);
+  for (const WayPoint& point : config.way_points) {
+    while (device.time_s() < point.time_s - 1e-9)
+      device.step();
+    EXPECT_LT((device.pose().position_m - point.position_m).norm(), 2e-4);
+    EXPECT_LT(device.pose().orientation.angularDistance(*point.orientation), 0.01);
+  }
+}
+
+TEST(VirtualDeviceTest, FirstAndLastWayPointAreRests) {
+  VirtualDeviceConfig passing = moveAlongX();
+  passing.way_points.front().pass = passing.way_points.back().pass = true;
+  VirtualDevice one(passing);
+  VirtualDevice other(moveAlongX());
+  for (int n = 0; n < 2500; ++n) {
+    one.step();
+    other.step();
+    ASSERT_EQ(one.pose().position_m, other.pose().position_m);
+  }
+}
+
 TEST(VirtualDeviceTest, ServoForceMovesItAgainstTheHand) {
   VirtualDevice device(holdAt(Vector3::Zero()));
   for (int n = 0; n < 1000; ++n) {

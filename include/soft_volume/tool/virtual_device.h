@@ -16,6 +16,9 @@ struct WayPoint {
   Vector3 position_m = Vector3::Zero();   ///< volume frame, within the workspace
   std::optional<Quaternion> orientation;  ///< of the tool in the volume frame; that of the way-point before by default
   Buttons buttons;                        ///< held from this way-point's time until the next one's
+  /// The hand goes on through this way-point instead of resting there: a run of these is one smooth curve from the rest
+  /// before to the rest after it. Of no effect for the first and the last way-point.
+  bool pass = false;
 };
 
 /// A haptic device and the hand that holds it. The defaults are a Touch: apparent mass 45 g at the tip as its maker
@@ -36,10 +39,11 @@ struct VirtualDeviceConfig {
 };
 
 /// A haptic device in software that behaves like a driver of a real one: mass and damping, a hand that pulls it along a
-/// script (minimum jerk between way-points, spring and damper between hand and device), a servo force that is saturated
-/// and held until it is replaced or 20 ms old, a workspace with hard ends. The orientation follows the script; nothing
-/// turns it. Fixed steps of 1 ms, semi-implicit (symplectic for the springs, implicit in the damping): deterministic,
-/// and no clock is read. One thread at a time.
+/// script (minimum jerk between way-points where it rests; where it passes, a cubic in time with a continuous velocity,
+/// which at a way-point is that of the parabola through it and its neighbours; spring and damper between hand and
+/// device), a servo force that is saturated and held until it is replaced or 20 ms old, a workspace with hard ends. The
+/// orientation follows the script; nothing turns it. Fixed steps of 1 ms, semi-implicit (symplectic for the springs,
+/// implicit in the damping): deterministic, and no clock is read. One thread at a time.
 class VirtualDevice {
  public:
   static constexpr double kStep_s = 0.001;
@@ -74,6 +78,9 @@ class VirtualDevice {
   };
   std::size_t wayPointAt(double time_s) const;
   Wanted wantedAt(double time_s) const;
+  Wanted passingBetween(std::size_t way_point, double u) const;
+  bool passes(std::size_t way_point) const;
+  Vector3 velocityAt(std::size_t way_point) const;
   void stayInWorkspace();
 
   VirtualDeviceConfig config_;
