@@ -125,9 +125,8 @@ VirtualDevice::Wanted VirtualDevice::passingBetween(std::size_t i, double u) con
 VirtualDevice::Wanted VirtualDevice::wantedAt(double time_s) const {
   const std::size_t i = wayPointAt(time_s);
   const WayPoint& from = config_.way_points[i];
-  if (i + 1 == config_.way_points.size() || time_s <= from.time_s) {
+  if (i + 1 == config_.way_points.size() || (time_s <= from.time_s && !passes(i)))
     return {from.position_m, Vector3::Zero(), *from.orientation};
-  }
   const WayPoint& to = config_.way_points[i + 1];
   const double duration = to.time_s - from.time_s;
   const double u = (time_s - from.time_s) / duration;
