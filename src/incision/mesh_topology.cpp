@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <set>
+#include <utility>
 
 #include "soft_volume/grid/hexahedron.h"
 
@@ -177,6 +178,30 @@ Topology makeTopology(const CutMesh& mesh, const Lattice& lattice, const VolumeG
   for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p)
     description.addPiece(p);
   return topology;
+}
+
+TopologyDelta makeTopologyDelta(const CutMesh& mesh, const Lattice& lattice, const VolumeGeometry& volume,
+                                std::uint64_t session, const TopologyMark& base,
+                                std::vector<std::uint32_t> changed_pieces) {
+  TopologyDelta delta;
+  delta.base_revision = base.revision;
+  delta.vertex_count = static_cast<std::uint32_t>(mesh.vertexCount());
+  delta.cell_count = static_cast<std::uint32_t>(mesh.pieces().size());
+  for (auto v = static_cast<std::uint32_t>(base.vertices); v < delta.vertex_count; ++v)
+    delta.vertex_ids.push_back(v);
+  for (auto p = static_cast<std::uint32_t>(base.cells); p < delta.cell_count; ++p)
+    changed_pieces.push_back(p);
+  std::sort(changed_pieces.begin(), changed_pieces.end());
+  changed_pieces.erase(std::unique(changed_pieces.begin(), changed_pieces.end()), changed_pieces.end());
+  delta.cell_ids = std::move(changed_pieces);
+  delta.entries.session = session;
+  delta.entries.revision = lattice.revision;
+  MeshDescription description(mesh, lattice, volume, delta.entries);
+  for (const std::uint32_t v : delta.vertex_ids)
+    description.addVertex(v);
+  for (const std::uint32_t p : delta.cell_ids)
+    description.addPiece(p);
+  return delta;
 }
 
 }  // namespace soft_volume::core

@@ -290,14 +290,13 @@ void putCells(const core::Topology& topology, GridTopology& message) {
 
 }  // namespace
 
-GridTopology toMessage(const core::Topology& topology, std::uint64_t step) {
+namespace {
+
+GridTopology entriesMessage(const core::Topology& topology, std::uint64_t step) {
   GridTopology message;
   message.session = topology.session;
   message.revision = topology.revision;
   message.step = step;
-  message.base_revision = topology.revision;
-  message.vertex_count = static_cast<std::uint32_t>(topology.vertexCount());
-  message.cell_count = static_cast<std::uint32_t>(topology.cellCount());
   message.rest_positions = toPoints32(topology.rest_positions);
   message.texture_coordinates = toPoints32(topology.texture_coordinates);
   message.fixed = topology.fixed;
@@ -307,6 +306,27 @@ GridTopology toMessage(const core::Topology& topology, std::uint64_t step) {
   message.materials = topology.materials;
   message.face_neighbours = topology.face_neighbours;
   message.cut_faces = topology.cut_faces;
+  return message;
+}
+
+}  // namespace
+
+GridTopology toMessage(const core::Topology& topology, std::uint64_t step) {
+  GridTopology message = entriesMessage(topology, step);
+  message.base_revision = topology.revision;
+  message.vertex_count = static_cast<std::uint32_t>(topology.vertexCount());
+  message.cell_count = static_cast<std::uint32_t>(topology.cellCount());
+  return message;
+}
+
+GridTopology toMessage(const core::TopologyDelta& delta, std::uint64_t step) {
+  GridTopology message = entriesMessage(delta.entries, step);
+  message.delta = 1;
+  message.base_revision = delta.base_revision;
+  message.vertex_count = delta.vertex_count;
+  message.cell_count = delta.cell_count;
+  message.vertex_ids = delta.vertex_ids;
+  message.cell_ids = delta.cell_ids;
   return message;
 }
 
@@ -350,12 +370,9 @@ void takeFaceStreams(const GridTopology& message, core::Topology& topology) {
 
 }  // namespace
 
-core::Topology fromMessage(const GridTopology& message) {
-  if (message.delta)
-    throw core::InputError("grid topology: a delta, where this version needs a full message");
-  if (message.rest_positions.size() != message.vertex_count || message.cell_types.size() != message.cell_count) {
-    throw core::InputError("grid topology: the arrays do not have vertex_count and cell_count entries");
-  }
+namespace {
+
+core::Topology entriesOf(const GridTopology& message) {
   core::Topology topology;
   topology.session = message.session;
   topology.revision = message.revision;
@@ -372,8 +389,39 @@ core::Topology fromMessage(const GridTopology& message) {
   topology.materials = message.materials;
   topology.face_neighbours = message.face_neighbours;
   topology.cut_faces = message.cut_faces;
+  return topology;
+}
+
+core::Topology fullTopology(const GridTopology& message) {
+  if (message.delta)
+    throw core::InputError("grid topology: a delta, where a full message is needed");
+  if (message.rest_positions.size() != message.vertex_count || message.cell_types.size() != message.cell_count) {
+    throw core::InputError("grid topology: the arrays do not have vertex_count and cell_count entries");
+  }
+  return entriesOf(message);
+}
+
+}  // namespace
+
+core::Topology fromMessage(const GridTopology& message) {
+  core::Topology topology = fullTopology(message);
   topology.validate();
   return topology;
+}
+
+core::TopologyDecoder::Result takeMessage(const GridTopology& message, core::TopologyDecoder& decoder) {
+  if (!message.delta) {
+    decoder.apply(fullTopology(message));
+    return core::TopologyDecoder::Result::kApplied;
+  }
+  core::TopologyDelta delta;
+  delta.base_revision = message.base_revision;
+  delta.vertex_count = message.vertex_count;
+  delta.cell_count = message.cell_count;
+  delta.vertex_ids = message.vertex_ids;
+  delta.cell_ids = message.cell_ids;
+  delta.entries = entriesOf(message);
+  return decoder.apply(delta);
 }
 
 GridState toMessage(const core::GridStateFrame& frame) {

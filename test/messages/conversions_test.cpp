@@ -209,6 +209,47 @@ TEST(Conversions, CellsOfAllKindsSurviveTheRoundTrip) {
   EXPECT_EQ(after.connectivity, before.connectivity);
 }
 
+TEST(Conversions, ADeltaBringsAReceiverUpToDate) {
+  core::TopologyDecoder decoder;
+  using Result = core::TopologyDecoder::Result;
+  const GridTopology full = polyhedronMessage();
+  core::TopologyDelta delta;
+  delta.base_revision = full.revision;
+  delta.vertex_count = 6;
+  delta.cell_count = 3;
+  delta.vertex_ids = {5};
+  delta.cell_ids = {1, 2};
+  const core::Topology before = fromMessage(full);
+  delta.entries = before;  // the tetrahedron is taken away, and the polyhedron's twin is new
+  delta.entries.revision = full.revision + 1;
+  delta.entries.rest_positions = {core::Vector3f(1, 2, 3)};
+  delta.entries.texture_coordinates.resize(1);
+  delta.entries.fixed = {1};
+  delta.entries.cell_types = {core::CellType::kEmpty, core::CellType::kPolyhedron};
+  delta.entries.cell_offsets = {0, 0, 17};
+  delta.entries.connectivity.resize(17);
+  delta.entries.face_neighbours.assign(4, 0);
+  delta.entries.cut_faces.assign(4, 1);
+  const GridTopology message = toMessage(delta, 8);
+  EXPECT_TRUE(message.delta);
+  EXPECT_EQ(message.step, 8U);
+  EXPECT_EQ(takeMessage(message, decoder), Result::kNeedsFull);
+  EXPECT_EQ(takeMessage(full, decoder), Result::kApplied);
+  EXPECT_EQ(takeMessage(message, decoder), Result::kApplied);
+  EXPECT_EQ(takeMessage(message, decoder), Result::kKnown);
+  const core::Topology& after = *decoder.topology();
+  EXPECT_EQ(after.revision, full.revision + 1);
+  EXPECT_EQ(after.rest_positions[5], core::Vector3f(1, 2, 3));
+  EXPECT_EQ(after.cell_types, (std::vector<core::CellType>{core::CellType::kPolyhedron, core::CellType::kEmpty,
+                                                           core::CellType::kPolyhedron}));
+  EXPECT_EQ(after.cell_offsets, (std::vector<std::uint32_t>{0, 17, 17, 34}));
+  EXPECT_EQ(after.face_neighbours, (std::vector<std::int32_t>{-1, -1, -1, -1, 0, 0, 0, 0}));
+  GridTopology bad = message;
+  bad.face_stream_offsets.pop_back();
+  EXPECT_THROW(takeMessage(bad, decoder), core::InputError);
+  EXPECT_EQ(decoder.topology()->revision, full.revision + 1);
+}
+
 TEST(Conversions, RefusesPolyhedraWithoutTheirFaces) {
   const auto refused = [](const std::function<void(GridTopology&)>& damage) {
     expectRefused<GridTopology>(polyhedronMessage(), damage, "");

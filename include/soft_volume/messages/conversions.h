@@ -21,6 +21,7 @@
 #include "soft_volume/grid/patch.h"
 #include "soft_volume/grid/state_stream.h"
 #include "soft_volume/grid/topology.h"
+#include "soft_volume/grid/topology_delta.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/session/session.h"
 #include "soft_volume/tool/tool_command.h"
@@ -52,12 +53,16 @@ VolumeAndLabels fromMessage(const Volume& message);
 /// The resolved scene of a session.
 Scene sceneMessage(const core::Session& session);
 
-/// A full topology for the states from a step on.
+/// A full topology, or a change, for the states from a step on.
 GridTopology toMessage(const core::Topology& topology, std::uint64_t step);
+GridTopology toMessage(const core::TopologyDelta& delta, std::uint64_t step);
 /// That of the steps to come.
 GridTopology topologyMessage(const core::Session& session);
 /// Only full topologies; a delta throws InputError.
 core::Topology fromMessage(const GridTopology& message);
+/// Brings a receiver up to date, with a full topology or a delta. Throws InputError, and leaves the receiver as it was,
+/// when the message does not hold together.
+core::TopologyDecoder::Result takeMessage(const GridTopology& message, core::TopologyDecoder& decoder);
 
 GridState toMessage(const core::GridStateFrame& frame);
 core::GridStateFrame fromMessage(const GridState& message);
