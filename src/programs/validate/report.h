@@ -22,6 +22,7 @@ struct Row {
   bool pass = false;
   bool has_dissertation = false;       ///< the row compares with the dissertation's rule
   std::optional<double> dissertation;  ///< its value; none where it refuses or does not apply. It has no bound.
+  bool goal = false;                   ///< the bound is something to strive for: beyond it is no failure
 };
 
 /// Takes the numbers of all suites, prints them as they come, and writes them as JSON.
@@ -35,9 +36,12 @@ class Report {
   void row(const std::string& name, double value, double reference, double error, double bound = kNoBound);
   /// A number that should be 0 and has to stay at or below the bound.
   void atMost(const std::string& name, double value, double bound);
+  /// The same, where it is known that the bound is not reached in all cases: stated, but no failure.
+  void goalAtMost(const std::string& name, double value, double bound);
+  /// A number that has to be above 0.
+  void positive(const std::string& name, double value);
   /// The same with what the dissertation's rule reached.
   void atMost(const std::string& name, double value, double bound, std::optional<double> dissertation);
-  /// A number that has to be above 0, with what the dissertation's rule reached.
   void positive(const std::string& name, double value, std::optional<double> dissertation);
   /// A case that could not run; says what to do.
   void skip(const std::string& what);
@@ -86,5 +90,6 @@ std::vector<Case> indentationCases(const Options& options);
 std::vector<Case> truthCubeCases(const Options& options);
 std::vector<Case> freeVibrationCases(const Options& options);
 std::vector<Case> extremesCases(const Options& options);
+std::vector<Case> cuttingCases(const Options& options);
 
 }  // namespace soft_volume::core::validate
