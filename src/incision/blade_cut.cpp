@@ -20,8 +20,9 @@ constexpr double kNarrowPatch = 3.0;
 constexpr double kBorder = 1.5;
 /// How far vertices are snapped where a part would be too small otherwise, in snap distances.
 constexpr double kFarthestSnap = 4.0;
-/// How far from a patch's border it may miss the patch before, in snap distances.
-constexpr double kJoint = 15.0;
+/// How far behind the edge where a patch goes on pieces may be that no patch before took to be its own, in snap
+/// distances.
+constexpr double kJoint = 2.0;
 /// Flatness of a section, in h: volumes are exact to about this.
 constexpr double kFlatSection = 1e-11;
 
@@ -56,30 +57,22 @@ Vector3 centroidOf(const std::vector<Vector3>& polygon, const Vector3& normal) {
   return area > 0.0 ? Vector3(sum / area) : mean;
 }
 
-/// -1 or 1 for the pieces at the lips.
-using LipSides = std::map<std::uint32_t, int>;
-
-double distanceFromSegment(const Vector3& p, const Vector3& a, const Vector3& b) {
-  const Vector3 along = b - a;
-  const double length2 = along.squaredNorm();
-  const double t = length2 > 0.0 ? std::clamp(along.dot(p - a) / length2, 0.0, 1.0) : 0.0;
-  return (p - a - t * along).norm();
-}
-
 /// The work of one patch. `lips` are those of the patches that it continues, and get its own; those that are too far
 /// away for the next patch are dropped.
 class PatchCut {
  public:
   PatchCut(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
            const CutResolution& resolution, const BladePatch& patch, double reach_m, std::vector<Vector3>& positions_m,
-           LipSides& lips, BladeCutResult& result)
+           Lips& lips, BladeCutResult& result)
       : mesh_(mesh),
         lattice_(lattice),
         materials_(materials),
         snap_m_(resolution.snap * lattice.spacing_m.minCoeff()),
+        least_island_m3_(resolution.least_island * std::pow(lattice.spacing_m.minCoeff(), 3)),
         patch_(patch),
         positions_m_(positions_m),
         lips_(lips),
+        sides_(lips.side_of_piece),
         result_(result),
         blade_(patch.plane, snap_m_, positions_m) {
     const double h = lattice.spacing_m.minCoeff();
@@ -90,10 +83,13 @@ class PatchCut {
   }
 
   void run() {
+    if (lips_.normal.dot(patch_.plane.normal) <= 0.0)
+      startAnew();
     splitAtBorder();
     splitByBlade();
     openFaces();
     dropFarLips();
+    lips_.normal = patch_.plane.normal;
   }
 
  private:
@@ -108,6 +104,12 @@ class PatchCut {
       const auto& of_cell = mesh_.piecesOfCell(cell);
       pieces_.insert(pieces_.end(), of_cell.begin(), of_cell.end());
     });
+  }
+
+  /// A blade that turns back has its sides the other way round.
+  void startAnew() {
+    lips_.normal.setZero();
+    sides_.clear();
   }
 
   bool isCuttable(std::uint32_t piece) const {
@@ -218,10 +220,25 @@ class PatchCut {
     for (std::size_t n = 0; n < plan->points.size(); ++n)
       touched_.insert(static_cast<std::uint32_t>(mesh_.vertexCount() + n));
     pieces_.push_back(applySplit(*plan, piece, mesh_, sides, positions_m_));
-    if (const auto lip = lips_.find(piece); lip != lips_.end())
-      lips_[pieces_.back()] = lip->second;
+    inheritSide(piece, pieces_.back());
     ++result_.pieces_split;
     return true;
+  }
+
+  bool isAtIncision(std::uint32_t piece) const {
+    const auto& faces = mesh_.pieces()[piece].faces;
+    return std::any_of(faces.begin(), faces.end(), [this](std::uint32_t f) { return mesh_.faces()[f].opened; });
+  }
+
+  /// A part that is not at the incision yet may still come to lie on either side.
+  void inheritSide(std::uint32_t piece, std::uint32_t part) {
+    const auto side = sides_.find(piece);
+    if (side == sides_.end())
+      return;
+    if (isAtIncision(part))
+      sides_[part] = side->second;
+    if (!isAtIncision(piece))
+      sides_.erase(side);
   }
 
   /// Pieces that are split come again: their parts are looked at when the list's end is reached.
@@ -242,7 +259,6 @@ class PatchCut {
           waiting.push_back(pieces_.back());
           break;
         }
-        entered_.insert(piece);
       }
     }
   }
@@ -253,108 +269,176 @@ class PatchCut {
       if (!isCuttable(piece) || !sidesOf(piece).straddles())
         continue;
       const std::vector<Vector3> section = sectionOf(piece);
-      const bool entered = entered_.count(piece) > 0;
-      if (section.empty() || (!entered && !covers(centroidOf(section, patch_.plane.normal), 0.0)))
-        continue;
-      if (!split(piece, blade_))
-        kept_whole_.insert(piece);
-      else if (entered)
-        entered_.insert(pieces_.back());
+      if (!section.empty() && covers(centroidOf(section, patch_.plane.normal), 0.0))
+        split(piece, blade_);
     }
   }
 
-  /// How a piece stands to the blade when all splits are done.
-  struct Stand {
-    int side;        ///< -1 or 1
-    bool straddles;  ///< and the blade does not part it
-    bool kept_whole;
-    bool cuttable;
-  };
-  Stand standOf(std::uint32_t piece) const {
+  Vector3 middleOf(const std::vector<std::uint32_t>& vertices) const {
+    Vector3 sum = Vector3::Zero();
+    for (const std::uint32_t v : vertices)
+      sum += positions_m_[v];
+    return sum / static_cast<double>(vertices.size());
+  }
+
+  /// Side of a piece that the blade does not part: that of its vertices, or of their middle where they disagree.
+  int sideOf(std::uint32_t piece) const {
     const Sides sides = sidesOf(piece);
-    Stand stand{sides.front ? 1 : -1, sides.straddles(), kept_whole_.count(piece) > 0, isCuttable(piece)};
-    if (sides.behind == sides.front) {
-      double sum = 0.0;
-      for (const std::uint32_t v : mesh_.verticesOf(piece))
-        sum += blade_.distance(v);
-      stand.side = sum < 0.0 ? -1 : 1;
-    }
-    return stand;
+    if (sides.behind != sides.front)
+      return sides.front ? 1 : -1;
+    return patch_.plane.distance(middleOf(mesh_.verticesOf(piece))) < 0.0 ? -1 : 1;
   }
 
-  bool isToOpen(const CutMesh::Face& face, const Stand& a, const Stand& b) const {
-    if (a.side == b.side || !a.cuttable || !b.cuttable)
-      return false;
-    if (a.straddles || b.straddles)
-      return a.straddles <= a.kept_whole && b.straddles <= b.kept_whole;
-    Vector3 middle = Vector3::Zero();
-    for (const std::uint32_t v : face.loop)
-      middle += positions_m_[v] / static_cast<double>(face.loop.size());
-    const bool entered = std::all_of(face.pieces.begin(), face.pieces.end(), [this](std::int32_t piece) {
-      return entered_.count(static_cast<std::uint32_t>(piece)) > 0;
-    });
-    return entered || covers(middle, snap_m_);
+  /// Whether the patch runs along a face between two pieces.
+  bool isAlong(const CutMesh::Face& face) const {
+    return face.pieces[1] != CutMesh::kNone && isOnBlade(face.loop) && covers(middleOf(face.loop), snap_m_);
+  }
+
+  bool touchesBlade(std::uint32_t piece) const {
+    const auto& faces = mesh_.pieces()[piece].faces;
+    const auto touches = [this](std::uint32_t v) { return blade_.sign(v) == 0; };
+    return sidesOf(piece).straddles() || std::any_of(faces.begin(), faces.end(), [&](std::uint32_t f) {
+             return std::any_of(mesh_.faces()[f].loop.begin(), mesh_.faces()[f].loop.end(), touches);
+           });
+  }
+
+  /// Whether a place is over or under the patch, or in the gap between it and what is over or under the patch before.
+  bool isBeside(const Vector3& place) const {
+    double behind_m = std::max(0.0, -patch_.sides[0].distance(place));
+    if (lips_.normal != Vector3::Zero()) {
+      const Vector3 edge = patch_.corners[1] - patch_.corners[0];
+      const double beyond_last_m = lips_.normal.cross(edge.normalized()).dot(place - patch_.corners[0]);
+      behind_m = std::min(behind_m, std::max(0.0, -beyond_last_m)) - kJoint * snap_m_;
+    }
+    return behind_m <= 0.0 && std::all_of(patch_.sides.begin() + 1, patch_.sides.end(),
+                                          [&](const Plane& side) { return side.distance(place) >= 0.0; });
+  }
+
+  /// Gives sides to the pieces at the patch. What two patches of a stroke are beside keeps the side of the first.
+  void takeSides() {
+    std::set<std::uint32_t> near;
+    const auto addWithNeighbours = [&](std::uint32_t piece) {
+      near.insert(piece);
+      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+        if (const std::int32_t other = mesh_.across(f, piece); other != CutMesh::kNone)
+          near.insert(static_cast<std::uint32_t>(other));
+      }
+    };
+    for (const auto& lip : sides_)
+      addWithNeighbours(lip.first);
+    std::map<std::uint32_t, int> along;
+    for (const std::uint32_t piece : pieces_) {
+      if (!touchesBlade(piece))
+        continue;
+      addWithNeighbours(piece);
+      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+        if (isAlong(mesh_.faces()[f]))
+          along[piece] = sideOf(piece);
+      }
+    }
+    for (const auto& [piece, side] : along) {
+      if (isCuttable(piece))
+        sides_[piece] = side;
+    }
+    for (const std::uint32_t piece : near) {
+      if (sides_.count(piece) == 0 && isCuttable(piece) && isBeside(middleOf(mesh_.verticesOf(piece))))
+        sides_[piece] = sideOf(piece);
+    }
+  }
+
+  std::set<std::uint32_t> facesBetweenSides() const {
+    std::set<std::uint32_t> between;
+    for (const auto& [piece, side] : sides_) {
+      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+        const auto other = sides_.find(static_cast<std::uint32_t>(mesh_.across(f, piece)));
+        if (other != sides_.end() && other->second != side)
+          between.insert(f);
+      }
+    }
+    return between;
   }
 
   void openFaces() {
-    std::map<std::uint32_t, Stand> stands;
-    for (const std::uint32_t piece : pieces_)
-      stands.insert({piece, standOf(piece)});
-    std::set<std::uint32_t> to_open;
-    for (const auto& [piece, stand] : stands) {
-      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
-        const auto other = stands.find(static_cast<std::uint32_t>(mesh_.across(f, piece)));
-        if (other != stands.end() && isToOpen(mesh_.faces()[f], stand, other->second))
-          to_open.insert(f);
-      }
+    takeSides();
+    std::set<std::uint32_t> to_open = facesBetweenSides();
+    while (keepCrumb(to_open)) {
     }
-    LipSides lips;
-    for (const std::uint32_t f : to_open) {
-      for (const std::int32_t piece : mesh_.faces()[f].pieces)
-        lips.insert({static_cast<std::uint32_t>(piece), stands.at(static_cast<std::uint32_t>(piece)).side});
-    }
-    collectJoints(lips, to_open);
     for (const std::uint32_t f : to_open)
       open(f);
-    for (const auto& [piece, side] : lips)
-      lips_[piece] = side;
     partVertices();
   }
 
-  /// Where a lip of the patches before and an opposite one of this patch meet at a face across the blade, the two
-  /// sections have missed each other, because a split was refused or its place snapped.
-  void collectJoints(const LipSides& lips, std::set<std::uint32_t>& to_open) const {
-    for (const auto& [piece, side] : lips_) {
-      if (const auto now = lips.find(piece); now != lips.end() && now->second != side)
-        continue;
-      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
-        const auto other = lips.find(static_cast<std::uint32_t>(mesh_.across(f, piece)));
-        if (other != lips.end() && other->second != side && isAtBorder(mesh_.faces()[f]))
-          to_open.insert(f);
+  double restVolume(std::uint32_t piece) const {
+    const auto& places = mesh_.restPositions();
+    const std::vector<std::vector<std::uint32_t>> loops = mesh_.loopsOf(piece);
+    const Vector3& origin = places[loops[0][0]];
+    double sum = 0.0;
+    for (const auto& loop : loops)
+      sum += (places[loop[0]] - origin).dot(areaVector(places, loop));
+    return sum / 6.0;
+  }
+
+  /// What hangs together with a piece when these faces are open; empty when that is not a crumb.
+  std::set<std::uint32_t> crumbAround(std::uint32_t piece, const std::set<std::uint32_t>& to_open) const {
+    std::vector<std::uint32_t> waiting = {piece};
+    std::set<std::uint32_t> crumb = {piece};
+    double volume_m3 = 0.0;
+    while (!waiting.empty()) {
+      const std::uint32_t next = waiting.back();
+      waiting.pop_back();
+      volume_m3 += restVolume(next);
+      if (volume_m3 >= least_island_m3_)
+        return {};
+      for (const std::uint32_t f : mesh_.pieces()[next].faces) {
+        const std::int32_t other = mesh_.across(f, next);
+        if (other != CutMesh::kNone && to_open.count(f) == 0 && crumb.insert(static_cast<std::uint32_t>(other)).second)
+          waiting.push_back(static_cast<std::uint32_t>(other));
       }
     }
+    return crumb;
+  }
+
+  /// Finds a part that would come off as a crumb and leaves it to the side that it has more area with.
+  bool keepCrumb(std::set<std::uint32_t>& to_open) {
+    for (const std::uint32_t face : to_open) {
+      for (const std::int32_t piece : mesh_.faces()[face].pieces) {
+        const std::set<std::uint32_t> crumb = crumbAround(static_cast<std::uint32_t>(piece), to_open);
+        if (crumb.empty())
+          continue;
+        keep(crumb, to_open);
+        return true;
+      }
+    }
+    return false;
+  }
+
+  void keep(const std::set<std::uint32_t>& crumb, std::set<std::uint32_t>& to_open) {
+    std::map<int, double> area;
+    std::map<int, std::vector<std::uint32_t>> faces;
+    for (const std::uint32_t piece : crumb) {
+      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+        const auto other = static_cast<std::uint32_t>(mesh_.across(f, piece));
+        if (to_open.count(f) == 0 || crumb.count(other) > 0)
+          continue;
+        area[sides_.at(other)] += areaVector(mesh_.restPositions(), mesh_.faces()[f].loop).norm();
+        faces[sides_.at(other)].push_back(f);
+      }
+    }
+    const int side = area[1] > area[-1] ? 1 : -1;
+    for (const std::uint32_t f : faces[side])
+      to_open.erase(f);
+    for (const std::uint32_t piece : crumb)
+      sides_[piece] = side;
   }
 
   /// The next patch starts at this one, so its joints are near both.
   void dropFarLips() {
-    LipSides near;
+    std::map<std::uint32_t, int> near;
     for (const std::uint32_t piece : pieces_) {
-      if (const auto lip = lips_.find(piece); lip != lips_.end())
+      if (const auto lip = sides_.find(piece); lip != sides_.end())
         near.insert(*lip);
     }
-    lips_ = std::move(near);
-  }
-
-  bool isAtBorder(const CutMesh::Face& face) const {
-    Vector3 middle = Vector3::Zero();
-    for (const std::uint32_t v : face.loop)
-      middle += positions_m_[v] / static_cast<double>(face.loop.size());
-    const auto count = patch_.corners.size();
-    for (std::size_t i = 0; i < count; ++i) {
-      if (distanceFromSegment(middle, patch_.corners[i], patch_.corners[(i + 1) % count]) < kJoint * snap_m_)
-        return true;
-    }
-    return false;
+    sides_ = std::move(near);
   }
 
   double resistanceOf(std::int32_t piece) const {
@@ -386,18 +470,26 @@ class PatchCut {
   const Lattice& lattice_;
   const std::vector<Material>& materials_;
   double snap_m_;
+  double least_island_m3_;
   ShapeLimits limits_{};
   const BladePatch& patch_;
   std::vector<Vector3>& positions_m_;
-  LipSides& lips_;
+  Lips& lips_;
+  std::map<std::uint32_t, int>& sides_;  // of lips_
   BladeCutResult& result_;
   PlaneSides blade_;
   std::vector<PlaneSides> borders_;
-  std::vector<std::uint32_t> pieces_;   // near the patch
-  std::set<std::uint32_t> entered_;     // covered in part, but a part would be too small: taken to be covered
-  std::set<std::uint32_t> kept_whole_;  // to be cut, but a part would be too small
-  std::set<std::uint32_t> touched_;     // vertices that may have to be parted
+  std::vector<std::uint32_t> pieces_;  // near the patch
+  std::set<std::uint32_t> touched_;    // vertices that may have to be parted
 };
+
+/// Other strokes may have split pieces at the lips since.
+void inheritSides(const CutMesh& mesh, Lips& lips) {
+  for (std::uint32_t p = lips.pieces_seen; !lips.side_of_piece.empty() && p < mesh.pieces().size(); ++p) {
+    if (const auto origin = lips.side_of_piece.find(mesh.pieces()[p].origin); origin != lips.side_of_piece.end())
+      lips.side_of_piece.insert({p, origin->second});
+  }
+}
 
 }  // namespace
 
@@ -407,13 +499,15 @@ BladeCutResult cutMesh(CutMesh& mesh, const Lattice& lattice, const std::vector<
   const double h = lattice.spacing_m.minCoeff();
   const std::size_t vertices = mesh.vertexCount();
   BladeCutResult result;
+  inheritSides(mesh, lips);
   for (const SweptQuad& quad : quads) {
     if (quad[0] != lips.edge_m[0] || quad[1] != lips.edge_m[1])
-      lips.side_of_piece.clear();
+      lips.normal.setZero();
     lips.edge_m = {quad[3], quad[2]};
     for (const BladePatch& patch : patchesOf(quad, kFlatQuad * h, kNarrowPatch * resolution.snap * h))
-      PatchCut(mesh, lattice, materials, resolution, patch, reach_m, positions_m, lips.side_of_piece, result).run();
+      PatchCut(mesh, lattice, materials, resolution, patch, reach_m, positions_m, lips, result).run();
   }
+  lips.pieces_seen = static_cast<std::uint32_t>(mesh.pieces().size());
   result.vertices_added = static_cast<std::uint32_t>(mesh.vertexCount() - vertices);
   return result;
 }

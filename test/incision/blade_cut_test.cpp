@@ -20,6 +20,11 @@ std::size_t sectionCorners(const CutMesh& mesh) {
   return 0;
 }
 
+/// A vertical quad (along z) from a to b in the plane of x and y.
+SweptQuad wall(double ax, double ay, double bx, double by, double low, double high) {
+  return {Vector3(ax, ay, low) * kH, Vector3(ax, ay, high) * kH, Vector3(bx, by, high) * kH, Vector3(bx, by, low) * kH};
+}
+
 TEST(BladeCut, AllFiveCasesOfAPlaneThroughAHexahedron) {
   struct Case {
     Vector3 point;
@@ -37,6 +42,7 @@ TEST(BladeCut, AllFiveCasesOfAPlaneThroughAHexahedron) {
   };
   for (const Case& c : cases) {
     CutBlock block({1, 1, 1});
+    block.resolution.least_island = 0.0;
     const BladeCutResult result = block.cut({squareQuad(c.point * kH, c.normal, 10 * kH)});
     EXPECT_EQ(result.pieces_split, 1U);
     EXPECT_EQ(result.splits_refused, 0U);
@@ -52,12 +58,32 @@ TEST(BladeCut, AllFiveCasesOfAPlaneThroughAHexahedron) {
 
 TEST(BladeCut, ACellCutThreeTimesFallsIntoEight) {
   CutBlock block({1, 1, 1});
+  block.resolution.least_island = 0.0;
   block.cut({squareQuad(Vector3(0.3, 0.5, 0.5) * kH, {1, 0.1, 0.05}, 10 * kH)});
   block.cut({squareQuad(Vector3(0.5, 0.6, 0.5) * kH, {-0.1, 1, 0.2}, 10 * kH)});
   block.cut({squareQuad(Vector3(0.5, 0.5, 0.45) * kH, {0.2, -0.1, 1}, 10 * kH)});
   EXPECT_EQ(block.mesh.pieces().size(), 8U);
   EXPECT_EQ(islandVolumes(block.mesh).size(), 8U);
   ASSERT_NO_FATAL_FAILURE(expectSound(block));
+}
+
+TEST(BladeCut, WhatIsTooSmallForAnIslandStays) {
+  for (const double size : {0.8, 0.9}) {  // 0.085 and 0.122 h3
+    CutBlock block({3, 3, 3});
+    block.cut({squareQuad(Vector3(size, 0, 0) * kH, {1, 1, 1}, 10 * kH)});
+    EXPECT_EQ(islandVolumes(block.mesh).size(), size < 0.85 ? 1U : 2U);
+    ASSERT_NO_FATAL_FAILURE(expectSound(block));
+  }
+  // A strip 0.5 h long, cut off by a second blade.
+  for (const double width : {0.16, 0.3}) {
+    CutBlock block({2, 3, 1});
+    block.cut({wall(width, -1, width, 0.6, -1, 2)});
+    EXPECT_EQ(islandVolumes(block.mesh).size(), 1U);
+    const BladeCutResult off = block.cut({wall(-1, 0.5, width + 0.1, 0.5, -1, 2)});
+    EXPECT_GT(off.pieces_split, 0U);
+    EXPECT_EQ(islandVolumes(block.mesh).size(), width < 0.2 ? 1U : 2U);
+    ASSERT_NO_FATAL_FAILURE(expectSound(block));
+  }
 }
 
 TEST(BladeCut, PlanesThroughFacesEdgesAndVerticesSplitOnlyWhatTheyCross) {
@@ -98,11 +124,6 @@ TEST(BladeCut, PlanesPartABlockIntoAsManyIslandsAsTheyShould) {
   slabs.cut({squareQuad(Vector3(3, 2.2, 2) * kH, {0.1, 1, 0.3}, 10 * kH)});
   EXPECT_EQ(islandVolumes(slabs.mesh).size(), 8U);
   ASSERT_NO_FATAL_FAILURE(expectSound(slabs));
-}
-
-/// A vertical quad (along z) from a to b in the plane of x and y.
-SweptQuad wall(double ax, double ay, double bx, double by, double low, double high) {
-  return {Vector3(ax, ay, low) * kH, Vector3(ax, ay, high) * kH, Vector3(bx, by, high) * kH, Vector3(bx, by, low) * kH};
 }
 
 TEST(BladeCut, FourWallsAndAFloorTakeABlockOut) {

@@ -100,6 +100,7 @@ TEST(RandomCuts, AThousandLeaveSoundPieces) {
   std::size_t refused = 0;
   std::size_t most_pieces = 0;
   std::size_t islands = 0;
+  double least_island = HUGE_VAL;
   MeshExtremes worst;
   double volume_error = 0.0;
   for (int n = 0; n < kBlocks; ++n) {
@@ -120,14 +121,17 @@ TEST(RandomCuts, AThousandLeaveSoundPieces) {
     volume_error = std::max(volume_error, std::abs(totalVolume(block.mesh) / block.size().prod() - 1.0));
     const std::size_t parts = islandVolumes(block.mesh).size();
     ASSERT_EQ(parts, countIslands(block.mesh));
+    least_island = std::min(least_island, islandVolumes(block.mesh)[0]);
+    ASSERT_GE(least_island, (block.resolution.least_island - 1e-9) * std::pow(kH, 3));
     islands += parts;
     most_pieces = std::max(most_pieces, block.mesh.pieces().size());
   }
   std::printf(
-      "%zu splits, %zu refused, at most %zu pieces, %zu islands; shortest edge %.4f h, least width %.4f h, "
+      "%zu splits, %zu refused, at most %zu pieces, %zu islands of %.2f h3 and more; shortest edge %.4f h, least width "
+      "%.4f h, "
       "deepest dent %.4f h, volume within %.1e\n",
-      splits, refused, most_pieces, islands, worst.shortest_edge_m / kH, worst.least_width_m / kH,
-      worst.deepest_dent_m / kH, volume_error);
+      splits, refused, most_pieces, islands, least_island / std::pow(kH, 3), worst.shortest_edge_m / kH,
+      worst.least_width_m / kH, worst.deepest_dent_m / kH, volume_error);
   EXPECT_GT(splits, 500U * kBlocks);
 }
 

@@ -20,6 +20,8 @@ struct CutResolution {
   /// Of an edge that is not convex (deepestDent() in piece_shape.h): snapping warps a section, and its triangles are a
   /// shallow dent in one of both parts.
   double deepest_dent = 0.1;
+  /// Of h3: what would come off with less volume stays on the side with which it has more area.
+  double least_island = 0.1;
 };
 
 struct BladeCutResult {
@@ -36,7 +38,9 @@ struct BladeCutResult {
 /// the size of a patch's neighbourhood however long the stroke is; belongs to a saved state.
 struct Lips {
   std::array<Vector3, 2> edge_m = {Vector3::Zero(), Vector3::Zero()};  ///< tip and heel where the last quad ended
-  std::map<std::uint32_t, int> side_of_piece;                          ///< -1 or 1; empty at the start of a stroke
+  Vector3 normal = Vector3::Zero();            ///< of the last patch; zero at the start of a stroke
+  std::map<std::uint32_t, int> side_of_piece;  ///< -1 or 1; empty at the start of a stroke
+  std::uint32_t pieces_seen = 0;  ///< later ones were split off by others and are on the side of their origin
 };
 
 /// Incision method 2 (section 4.4.2): splits the pieces that the blade's swept surface crosses and opens the faces
@@ -49,11 +53,13 @@ struct Lips {
 ///    stay closed: the incision ends there, within 1.5 snap distances of the blade's end; only where a part would be
 ///    too small it goes on to the piece's faces.
 /// 2. Covered pieces are split by the patch's plane.
-/// 3. Faces between what lies on either side of the plane are opened where the patch covers them, and vertices parted
-///    that no longer hold together. Opposite lips of this patch and of those before it in the same stroke are parted
-///    too where they meet at the border. `lips` carries them from call to call: it makes no difference in how many
-///    calls a stroke's quads come. A quad that does not start with the edge where the last one ended begins a new
-///    stroke.
+/// 3. Pieces at the patch get a side: that of the plane on which they lie, those that were not split that of their
+///    middle, if it is over or under the patch. Faces between opposite sides are opened and vertices parted that no
+///    longer hold together. Pieces at the incision keep their side for the patches that follow in the stroke; so where
+///    two patches meet, their cuts do, too, wherever a split was refused or snapped. What would come off as a crumb
+///    changes sides.
+/// `lips` carries the sides from call to call: it makes no difference in how many calls a stroke's quads come. A quad
+/// that does not start with the edge where the last one ended, or turns by 90 degrees or more, begins a new stroke.
 /// Where a part would be smaller than the resolution allows, vertices up to 4 snap distances away are taken to lie on
 /// the plane, too. If that does not help, the split is not made: the piece stays whole on the side of its middle and
 /// the cut runs around it. So the sides are parted without a gap in any case.
