@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "lattice_index.h"
+#include "lip_row.h"
 #include "rest_system.h"
 #include "safe_move.h"
 #include "soft_volume/common/error.h"
@@ -128,6 +129,8 @@ struct Simulation::Impl {
   void findPressedFaces();
   double stabilityLimit() const;
   void adoptTopology();
+  void setLips(std::vector<LipContact> contacts);
+  void wakeOtherLips();
   void rebuild();
   void review();
   double threshold();
@@ -147,6 +150,8 @@ struct Simulation::Impl {
   double frontierError() const;
   void addAltitudeForces(const OracleModel& oracle) const;
   double altitudeEnergy(const OracleModel& oracle) const;
+  void addLipForces() const;
+  double lipsEnergy() const;
   const OracleModel& oracleModel() const;
   const std::vector<Vector3>& forces() const;
   std::vector<std::uint32_t> verticesNear(const Vector3& point_m, double radius_m) const;
@@ -175,6 +180,9 @@ struct Simulation::Impl {
   std::vector<std::uint8_t> restless;  ///< per vertex, scratch of rest()
   std::vector<VertexMotion> motion;
   std::vector<FrontierVertex> frontier;
+
+  std::vector<LipContact> lips;
+  std::vector<LipRow> lip_rows;  ///< of these
 
   OuterActions actions;
   std::vector<std::array<std::uint32_t, 4>> pressed_faces;
@@ -297,15 +305,30 @@ void Simulation::Impl::wakeAround(const std::vector<std::uint32_t>& vertices) {
     wake(box);
 }
 
+/// What presses on a lip belongs into the solve with it.
+void Simulation::Impl::wakeOtherLips() {
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (const LipContact& lip : lips) {
+      std::uint32_t& a = state.lifetimes[lip.cells[0]];
+      std::uint32_t& b = state.lifetimes[lip.cells[1]];
+      changed = changed || (a == 0) != (b == 0);
+      if (a == 0 || b == 0)
+        a = b = std::max(a, b);
+    }
+  }
+}
+
 void Simulation::Impl::rebuild() {
   sync();
+  wakeOtherLips();
   active_cells.clear();
   for (std::uint32_t cell = 0; cell < lattice->cellCount(); ++cell) {
     if (settings.active_set == ActiveSet::kAll || state.lifetimes[cell] > 0)
       active_cells.push_back(cell);
   }
   const std::vector<std::uint32_t> before = std::move(moving);
-  solver->build(model, active_cells, keepsLifetimes(), state);
+  solver->build(model, active_cells, keepsLifetimes(), state, lips);
   moving = solver->movingVertices();
   for (const std::uint32_t v : before) {
     if (!std::binary_search(moving.begin(), moving.end(), v))
@@ -534,6 +557,20 @@ void Simulation::Impl::adoptTopology() {
   active_changed = true;
 }
 
+void Simulation::Impl::setLips(std::vector<LipContact> contacts) {
+  for (const LipContact& lip : contacts) {
+    require(std::max(lip.cells[0], lip.cells[1]) < lattice->cellCount() && lip.cells[0] != lip.cells[1] &&
+                usable(lip.places[0]) && usable(lip.places[1]) && usable(lip.normal) && lip.area_m2 > 0.0 &&
+                lip.stiffness_n_m > 0.0 && std::isfinite(lip.opening_n),
+            "a contact between lips does not fit the lattice");
+  }
+  lips = std::move(contacts);
+  lip_rows.clear();
+  for (const LipContact& lip : lips)
+    lip_rows.push_back(makeLipRow(*lattice, lip));
+  active_changed = true;
+}
+
 /// Kept once it was asked for: tests and validation ask often, the nodes never do.
 const OracleModel& Simulation::Impl::oracleModel() const {
   if (!oracle)
@@ -561,6 +598,7 @@ const std::vector<Vector3>& Simulation::Impl::forces() const {
     forces_n[load.vertex] += load.force_n;
   if (settings.safe_move == SafeMove::kWidth)
     addAltitudeForces(oracle);
+  addLipForces();
   forces_current = true;
   return forces_n;
 }
@@ -585,6 +623,27 @@ double Simulation::Impl::altitudeEnergy(const OracleModel& oracle) const {
     const CellCorners corners = oracle.corners(cell, state.displacements_m);
     for (int t = 0; t < 8; ++t)
       energy += spring.energy(cornerWidth(cornerEdges(corners, t)));
+  }
+  return energy;
+}
+
+/// Those of the penalty, which are all that there is in equilibrium.
+void Simulation::Impl::addLipForces() const {
+  const double h = model.shortest_edge_m;
+  for (std::size_t n = 0; n < lips.size(); ++n) {
+    const LipGap gap = lipGap(lip_rows[n], state.displacements_m, kLipReach * h);
+    const double force_n = lipForce(lips[n].stiffness_n_m, gap.gap_m, kLipDepth * h) + lips[n].opening_n;
+    for (const LipRow::Corner& corner : lip_rows[n].corners)
+      forces_n[corner.vertex] += corner.weight * force_n * gap.normal;
+  }
+}
+
+double Simulation::Impl::lipsEnergy() const {
+  const double h = model.shortest_edge_m;
+  double energy = 0.0;
+  for (std::size_t n = 0; n < lips.size(); ++n) {
+    const LipGap gap = lipGap(lip_rows[n], state.displacements_m, kLipReach * h);
+    energy += lipEnergy(lips[n].stiffness_n_m, gap.gap_m, kLipDepth * h);
   }
   return energy;
 }
@@ -799,6 +858,11 @@ void Simulation::adoptTopology() {
   impl_->touch();
 }
 
+void Simulation::setLips(std::vector<LipContact> lips) {
+  impl_->setLips(std::move(lips));
+  impl_->touch();
+}
+
 void Simulation::restore(SimulationState state) {
   const Lattice& lattice = *impl_->lattice;
   const auto allUsable = [](const std::vector<Vector3>& values) {
@@ -942,6 +1006,7 @@ Mechanics Simulation::mechanics() const {
   mechanics.elastic_j = oracle.energy(now.displacements_m);
   if (impl.settings.safe_move == SafeMove::kWidth)
     mechanics.elastic_j += impl.altitudeEnergy(oracle);
+  mechanics.elastic_j += impl.lipsEnergy();
   const std::vector<double> masses = oracleMasses(*impl.lattice, *impl.materials, impl.settings.spring_rule);
   for (std::size_t v = 0; v < masses.size(); ++v) {
     const Vector3 momentum = masses[v] * now.velocities_m_s[v];

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "implicit_step.h"
+#include "lip_set.h"
 #include "safe_move.h"
 #include "soft_volume/common/parallel.h"
 #include "soft_volume/grid/hexahedron.h"
@@ -42,7 +43,7 @@ class PackedSolver final : public Solver {
         threads_(threads) {}
 
   void build(const SpringModel& model, const std::vector<std::uint32_t>& active_cells, bool with_frontier,
-             const SimulationState& state) override;
+             const SimulationState& state, const std::vector<LipContact>& lips) override;
   void readState(SimulationState& state, std::vector<Vector3>& positions_m) const override;
   void step(const SimulationSettings& settings, double dt_s, const OuterActions& actions,
             SimulationStats& stats) override;
@@ -76,15 +77,16 @@ class PackedSolver final : public Solver {
   void addAltitudeForces();
   void keepExternal(std::uint32_t vertex);
   void clearAltitudeForces();
-  void evaluateForces();
+  void evaluateInnerForces();
+  void evaluateForces(const AdvanceRule<Real>& rule);
   AdvanceRule<Real> rule(const SimulationSettings& settings, double dt_s) const;
   void advance(const AdvanceRule<Real>& rule, SimulationStats& stats);
   void leadTargets(const AdvanceRule<Real>& rule);
   void finishMove(const SimulationSettings& settings, double dt_s, SimulationStats& stats);
   void readLag(SimulationStats& stats) const;
-  void dampQuasiStatic();
+  void dampQuasiStatic(const AdvanceRule<Real>& rule);
   void eulerStep(const SimulationSettings& settings, double dt_s, SimulationStats& stats);
-  void rungeKutta(double dt_s);
+  void rungeKutta(const AdvanceRule<Real>& lips_rule, double dt_s);
   void moveFrom(const Arrays& from, const SimulationSettings& settings, double dt_s, SimulationStats& stats);
   void adaptiveStep(const SimulationSettings& settings, double dt_s, SimulationStats& stats);
   void backwardEulerStep(const SimulationSettings& settings, double dt_s, SimulationStats& stats);
@@ -101,6 +103,7 @@ class PackedSolver final : public Solver {
   SolveSet<Real> set_;
   const Kernel<Real>* kernel_;
   SafeMoveGuard<Real> guard_;
+  LipSet<Real> lips_;
   int threads_;
   const SpringModel* model_ = nullptr;
 
@@ -124,9 +127,10 @@ class PackedSolver final : public Solver {
 
 template <typename Real>
 void PackedSolver<Real>::build(const SpringModel& model, const std::vector<std::uint32_t>& active_cells,
-                               bool with_frontier, const SimulationState& state) {
+                               bool with_frontier, const SimulationState& state, const std::vector<LipContact>& lips) {
   model_ = &model;
   set_.build(model, active_cells, with_frontier);
+  lips_.build(*lattice_, lips, set_);
   KernelView<Real>& view = set_.view();
   for (std::uint32_t v = 0; v < set_.vertexCount(); ++v) {
     for (int d = 0; d < 3; ++d)
@@ -337,8 +341,9 @@ void PackedSolver<Real>::addAltitudeForces() {
 
 // --- steps
 
+/// All but those of the lips.
 template <typename Real>
-void PackedSolver<Real>::evaluateForces() {
+void PackedSolver<Real>::evaluateInnerForces() {
   clearAltitudeForces();
   addAltitudeForces();
   const KernelView<Real>& view = set_.view();
@@ -348,6 +353,13 @@ void PackedSolver<Real>::evaluateForces() {
   overBlocks(set_.movingBlocks().size(), [&](std::size_t begin, std::size_t end) {
     kernel_->forces(view, set_.movingBlocks().data(), begin, end);
   });
+}
+
+/// For a step by the rule.
+template <typename Real>
+void PackedSolver<Real>::evaluateForces(const AdvanceRule<Real>& rule) {
+  evaluateInnerForces();
+  lips_.addForces(set_.view(), rule, threads_);
 }
 
 template <typename Real>
@@ -425,7 +437,7 @@ void PackedSolver<Real>::readLag(SimulationStats& stats) const {
 /// Kinetic damping: where the forces have begun to take energy out of the motion, a minimum was passed; start again
 /// from there.
 template <typename Real>
-void PackedSolver<Real>::dampQuasiStatic() {
+void PackedSolver<Real>::dampQuasiStatic(const AdvanceRule<Real>& rule) {
   KernelView<Real>& view = set_.view();
   double power = 0.0;
   for (const std::uint32_t v : set_.moving()) {
@@ -438,14 +450,16 @@ void PackedSolver<Real>::dampQuasiStatic() {
     for (int d = 0; d < 3; ++d)
       view.velocity[d][v] = Real(0);
   }
+  if (!lips_.empty())
+    evaluateForces(rule);  // lips answer to velocities
 }
 
 template <typename Real>
 void PackedSolver<Real>::eulerStep(const SimulationSettings& settings, double dt_s, SimulationStats& stats) {
-  evaluateForces();
-  if (settings.integrator == Integrator::kQuasiStatic)
-    dampQuasiStatic();
   const AdvanceRule<Real> limits = rule(settings, dt_s);
+  evaluateForces(limits);
+  if (settings.integrator == Integrator::kQuasiStatic)
+    dampQuasiStatic(limits);
   advance(limits, stats);
   leadTargets(limits);
   finishMove(settings, dt_s, stats);
@@ -463,9 +477,10 @@ void PackedSolver<Real>::restore(const Arrays& from, Real* const to[3]) const {
     std::copy(from[d].begin(), from[d].end(), to[d]);
 }
 
-/// One classical Runge-Kutta step of displacements and velocities, without limits.
+/// One classical Runge-Kutta step of displacements and velocities, without limits. The forces of lips are those for a
+/// step by `lips_rule`, whatever part of it this is, so that halved steps find the same motion.
 template <typename Real>
-void PackedSolver<Real>::rungeKutta(double dt_s) {
+void PackedSolver<Real>::rungeKutta(const AdvanceRule<Real>& lips_rule, double dt_s) {
   constexpr double kNodes[4] = {0.0, 0.5, 0.5, 1.0};
   constexpr double kWeights[4] = {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0};
   KernelView<Real>& view = set_.view();
@@ -476,7 +491,7 @@ void PackedSolver<Real>::rungeKutta(double dt_s) {
     velocity_sum_[d].assign(set_.vertexCount(), Real(0));
   }
   for (int stage = 0; stage < 4; ++stage) {
-    evaluateForces();
+    evaluateForces(lips_rule);
     const Real next = static_cast<Real>(stage < 3 ? kNodes[stage + 1] * dt_s : 0.0);
     const Real weight = static_cast<Real>(kWeights[stage] * dt_s);
     for (const std::uint32_t v : set_.moving()) {
@@ -535,6 +550,7 @@ template <typename Real>
 void PackedSolver<Real>::adaptiveStep(const SimulationSettings& settings, double dt_s, SimulationStats& stats) {
   KernelView<Real>& view = set_.view();
   const double allowed_m = settings.error_tolerance * model_->shortest_edge_m;
+  const AdvanceRule<Real> lips_rule = rule(settings, dt_s);
   double done_s = 0.0;
   double part_s = dt_s;
   while (done_s < dt_s) {
@@ -543,12 +559,12 @@ void PackedSolver<Real>::adaptiveStep(const SimulationSettings& settings, double
     setMasses(false, dt_s);
     save(adaptive_start_, view.displacement);
     save(adaptive_velocity_, view.velocity);
-    rungeKutta(part_s);
+    rungeKutta(lips_rule, part_s);
     save(coarse_, view.displacement);
     restore(adaptive_start_, view.displacement);
     restore(adaptive_velocity_, view.velocity);
-    rungeKutta(0.5 * part_s);
-    rungeKutta(0.5 * part_s);
+    rungeKutta(lips_rule, 0.5 * part_s);
+    rungeKutta(lips_rule, 0.5 * part_s);
     double squared = 0.0;
     for (const std::uint32_t v : set_.moving()) {
       double of_vertex = 0.0;
@@ -646,6 +662,7 @@ void PackedSolver<Real>::stiffnessProduct(const Eigen::VectorXd& x, Eigen::Vecto
         product_[d][term.vertices[n]] += static_cast<Real>(term.stiffness * along * term.gradient[n][d]);
     }
   }
+  lips_.addProduct(direction_, product_);
   for (std::size_t n = 0; n < moving.size(); ++n) {
     const bool free = set_.view().inverse_mass[moving[n]] > Real(0);
     for (int d = 0; d < 3; ++d)
@@ -657,7 +674,8 @@ void PackedSolver<Real>::stiffnessProduct(const Eigen::VectorXd& x, Eigen::Vecto
 /// Returns its norm.
 template <typename Real>
 double PackedSolver<Real>::implicitResidual(const Eigen::VectorXd& inertia, Eigen::VectorXd& residual) {
-  evaluateForces();
+  evaluateInnerForces();
+  lips_.addPresentForces(set_.view(), threads_);
   const KernelView<Real>& view = set_.view();
   const std::vector<std::uint32_t>& moving = set_.moving();
   for (std::size_t n = 0; n < moving.size(); ++n) {
@@ -685,6 +703,7 @@ void PackedSolver<Real>::findPreconditioner(LinearProblem& problem) {
         product_[d][term.vertices[n]] += static_cast<Real>(term.stiffness * term.gradient[n][d] * term.gradient[n][d]);
     }
   }
+  lips_.addDiagonal(product_);
   problem.preconditioner = problem.diagonal;
   for (std::size_t n = 0; n < moving.size(); ++n) {
     for (int d = 0; d < 3; ++d)
@@ -795,7 +814,7 @@ void PackedSolver<Real>::step(const SimulationSettings& settings, double dt_s, c
       adaptiveStep(settings, dt_s, stats);
       break;
     case Integrator::kRungeKutta4:
-      rungeKutta(dt_s);
+      rungeKutta(rule(settings, dt_s), dt_s);
       moveFrom(start_, settings, dt_s, stats);
       break;
     case Integrator::kBackwardEuler:
@@ -861,6 +880,7 @@ void PackedSolver<Real>::addMemory(std::vector<MemoryUse>& table) const {
   table.push_back({"solve: cells", set_.cellBytes()});
   table.push_back({"solve: volume energy", set_.volumeEnergyBytes()});
   table.push_back({"solve: safe move", guard_.bytes()});
+  table.push_back({"solve: lips", lips_.bytes()});
   table.push_back({"solve: altitude springs", bytesOf(unaltered_)});
   table.push_back({"solve: mass floor", mass_bound_.capacity() * sizeof(double)});
   table.push_back({"solve: other integrators",

@@ -44,9 +44,10 @@ class Solver {
  public:
   virtual ~Solver() = default;
 
-  /// Takes the movable vertices of `active_cells` (increasing) into the solve, at the state's places and speeds.
+  /// Takes the movable vertices of `active_cells` (increasing) into the solve, at the state's places and speeds, and
+  /// those contacts of `lips` all of whose vertices have a place in it.
   virtual void build(const SpringModel& model, const std::vector<std::uint32_t>& active_cells, bool with_frontier,
-                     const SimulationState& state) = 0;
+                     const SimulationState& state, const std::vector<LipContact>& lips) = 0;
   /// Writes places and speeds of the vertices in the solve.
   virtual void readState(SimulationState& state, std::vector<Vector3>& positions_m) const = 0;
   virtual void step(const SimulationSettings& settings, double dt_s, const OuterActions& actions,

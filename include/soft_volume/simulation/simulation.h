@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "soft_volume/grid/lattice.h"
+#include "soft_volume/grid/lip_contact.h"
 #include "soft_volume/material/material.h"
 #include "soft_volume/simulation/settings.h"
 
@@ -66,7 +67,7 @@ struct SimulationStats {
 /// Energies in joule, momenta about the volume frame's origin. For tests and validation: a pass over the lattice.
 struct Mechanics {
   double kinetic_j = 0.0;
-  double elastic_j = 0.0;
+  double elastic_j = 0.0;  ///< of springs, volumes and what presses lips together
   Vector3 linear_momentum_kg_m_s = Vector3::Zero();
   Vector3 angular_momentum_kg_m2_s = Vector3::Zero();
 };
@@ -134,6 +135,13 @@ class Simulation {
   /// Takes over vertices that an incision added (they start where the vertex that they replicate is, with its velocity)
   /// and the changed springs. Steps that are too long for copies of cells are divided from now on.
   void adoptTopology();
+
+  /// Replaces the contacts between the lips of incisions (incision/lip_contacts.h): pressed together they do not pass
+  /// through each other, slide freely, and are in the solve together. They belong to the topology, not to the state:
+  /// to be set after every adoptTopology() and when a cut lattice is taken up again. They do not shorten the stable
+  /// step; the integrators other than backward Euler and quasi-statics see impacts of lips as inelastic. Throws
+  /// InputError when a contact does not fit the lattice.
+  void setLips(std::vector<LipContact> lips);
 
   /// Replaces the state, as taken from state(). Throws InputError when it does not fit the lattice or is not finite.
   void restore(SimulationState state);
