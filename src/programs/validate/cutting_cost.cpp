@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstdio>
+#include <memory>
 
 #include "cut_bodies.h"
 #include "cutting.h"
@@ -54,25 +54,25 @@ void costOfAStroke(int cells, Report& report) {
   report.row(name + "the simulation adopts it, ms", median(adopt_ms), 0.0, median(adopt_ms));
 }
 
-/// A block on a floor under a pull at its top, cut or not.
+/// A block on a floor under a pull at its top.
 class MovingBlock {
  public:
-  explicit MovingBlock(bool cut) : tissue_({13, 12, 9}, kCutSpacingM, tissue(0.45, 0.3)) {
+  MovingBlock(const Vector3i& cells, void (*cut)(CutTissue&)) : tissue_(cells, kCutSpacingM, tissue(0.45, 0.3)) {
     tissue_.block.fixWhere([](const Vector3i& n) { return n.z() == 0; });
-    if (cut)
-      cutCrosswise(tissue_);
+    if (cut != nullptr)
+      cut(tissue_);
     SimulationSettings settings;
     settings.active_set = ActiveSet::kAll;
     simulation_ = std::make_unique<Simulation>(tissue_.block.lattice, tissue_.block.materials, settings, 1);
     std::vector<VertexLoad> loads;
-    for (const std::uint32_t v : tissue_.block.layer(2, 9))
+    for (const std::uint32_t v : tissue_.block.layer(2, cells.z()))
       loads.push_back({v, {simulation_->mass(v) * 5.0, 0.0, 0.0}});
     simulation_->setLoads(loads);
   }
 
   std::size_t cutCells() const { return cutPlaces(tissue_.block.lattice); }
   double secondsOfASecond() {
-    constexpr int kSteps = 100;
+    constexpr int kSteps = 60;
     const double wall_s = timeOf([&] {
       for (int n = 0; n < kSteps; ++n)
         simulation_->step();
@@ -85,16 +85,23 @@ class MovingBlock {
   std::unique_ptr<Simulation> simulation_;
 };
 
-void costOfASecond(Report& report) {
-  MovingBlock whole(false);
-  MovingBlock cut(true);
+/// An incision through the whole block near its middle.
+void cutAcross(CutTissue& tissue) {
+  tissue.cut({squareQuad(0.5 * tissue.size() + tissue.h() * Vector3(0.1, 0.2, 0.3), {0.01, 0.02, 1.0}, 1.0)});
+}
+
+void costOfASecond(const Vector3i& cells, void (*cut)(CutTissue&), double bound, Report& report) {
+  MovingBlock whole_block(cells, nullptr);
+  MovingBlock cut_block(cells, cut);
   std::vector<double> ratios;
   for (int n = 0; n < 15; ++n) {  // side by side, so that what else runs slows both down
-    const double whole_s = whole.secondsOfASecond();
-    ratios.push_back(cut.secondsOfASecond() / whole_s);
+    const double whole_s = whole_block.secondsOfASecond();
+    ratios.push_back(cut_block.secondsOfASecond() / whole_s);
   }
-  report.atMost("a simulated second, " + std::to_string(cut.cutCells()) + " of 1404 cells cut: more than the uncut",
-                median(ratios) - 1.0, 0.3);
+  const double more = median(ratios) - 1.0;
+  report.row("a simulated second, " + std::to_string(cut_block.cutCells()) + " of " + std::to_string(cells.prod()) +
+                 " cells cut: more than the uncut",
+             more, 0.0, std::max(0.0, more), bound);
 }
 
 double forcePass(const CutBody& body) {
@@ -123,7 +130,9 @@ void costOfCompleteConnection(Report& report) {
 void costOfCuts(const Options& /*options*/, Report& report) {
   for (const int cells : {8, 16, 32})
     costOfAStroke(cells, report);
-  costOfASecond(report);
+  // The lattice of the dissertation's section 5.2, and one of which a fifth is cut.
+  costOfASecond({10, 20, 16}, cutAcross, 0.3, report);
+  costOfASecond({13, 12, 9}, cutCrosswise, kNoBound, report);
   costOfCompleteConnection(report);
 }
 
