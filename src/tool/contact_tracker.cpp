@@ -8,7 +8,9 @@ namespace soft_volume::core {
 namespace {
 
 constexpr double kSurfaceTolerance = 1e-7;  // metres
-constexpr double kBlend = 0.2;              // stable below a dent nine times sharper than the tip is deep
+constexpr double kClosedGap = 1e-5;         // metres
+constexpr double kDrop = 0.05;  // of the radius; a surface that is deeper than expected by this is an opening
+constexpr double kBlend = 0.2;  // stable below a dent nine times sharper than the tip is deep
 constexpr double kMaxTurn = 2.0 * M_PI / 180.0;
 constexpr std::size_t kDirections = 26;
 
@@ -60,7 +62,7 @@ ContactTracker::Hit ContactTracker::bisect(const PatchContact& field, const Ray&
       outside_in_cells = sample.at.found();
     }
   }
-  return {true, inside_t, inside, outside_in_cells};
+  return {true, inside_t, inside, outside_in_cells, 0.0};
 }
 
 // From t_start outwards when there is tissue, inwards when there is not, to the nearest change.
@@ -75,6 +77,11 @@ ContactTracker::Hit ContactTracker::findSurface(const PatchContact& field, const
     if (sample.tissue != last.tissue) {
       return last.tissue ? bisect(field, ray, t, next, last.at) : bisect(field, ray, next, t, sample.at);
     }
+    if (sample.tissue && field.hasCuts()) {
+      const Hit gap = findGap(field, ray, t, next, last.at, sample.at);
+      if (gap.found)
+        return gap;
+    }
     t = next;
     last = sample;
   }
@@ -85,6 +92,55 @@ Vector3 ContactTracker::gradientNormal(const PatchContact& field, const Hit& hit
   const Vector3 gradient = field.gradient(hit.inside);
   const double norm = gradient.norm();
   return std::isfinite(norm) && norm > 0.0 ? Vector3(-gradient / norm) : outward;
+}
+
+// Between two points in tissue: a gap between lips may be narrower than the steps. So look where the cells beside an
+// incision end.
+ContactTracker::Hit ContactTracker::findGap(const PatchContact& field, const Ray& ray, double t_start, double t_end,
+                                            PatchContact::CellPoint start, const PatchContact::CellPoint& end) {
+  while (start.cell != end.cell && (field.isCut(start.cell) || field.isCut(end.cell))) {
+    double outside_t = t_end;
+    while (outside_t - t_start > kSurfaceTolerance) {
+      const double middle = 0.5 * (t_start + outside_t);
+      const PatchContact::CellPoint at = field.locateIn(start.cell, ray.at(middle));
+      if (at.found()) {
+        t_start = middle;
+        start = at;
+      } else {
+        outside_t = middle;
+      }
+    }
+    if (outside_t + kClosedGap >= t_end)
+      break;
+    const PatchContact::Sample beyond = field.sample(ray.at(outside_t + kClosedGap), end.cell);
+    if (!beyond.tissue)
+      return {true, t_start, start, beyond.at.found(), 0.0};
+    t_start = outside_t + kClosedGap;
+    start = beyond.at;
+  }
+  return {};
+}
+
+// Where a sphere around the ray's origin is pressed in most, along the ray's direction.
+ContactTracker::Hit ContactTracker::press(const PatchContact& field, const Ray& centre, double t_expected,
+                                          double radius_m) {
+  Hit deepest = findSurface(field, centre, t_expected, -radius_m);
+  deepest.reach_m = radius_m;
+  if (!field.hasCuts() || (deepest.found && deepest.t > t_expected - kDrop * radius_m))
+    return deepest;
+  const Vector3 side = centre.direction.unitOrthogonal();
+  const Vector3 other = centre.direction.cross(side);
+  for (int n = 0; n < 8; ++n) {
+    const double offset = (n % 2 == 0 ? 0.35 : 0.7) * radius_m;
+    const double angle = n * M_PI / 4.0;
+    const Ray ray{centre.origin + offset * (std::cos(angle) * side + std::sin(angle) * other), centre.direction};
+    const double reach = std::sqrt(radius_m * radius_m - offset * offset);
+    Hit hit = findSurface(field, ray, t_expected, -reach);
+    hit.reach_m = reach;
+    if (hit.found && (!deepest.found || hit.depth() > deepest.depth()))
+      deepest = hit;
+  }
+  return deepest;
 }
 
 // Slope of the surface between four lines beside the hit, parallel to the outward direction: exact for a plane. The
@@ -146,18 +202,19 @@ bool ContactTracker::touchDirection(const PatchContact& field, const Vector3& ti
 }
 
 void ContactTracker::remember(const PatchContact& field, const Hit& hit) {
+  surface_revision_ = field.revision();
   surface_cell_id_ = field.cellId(hit.inside.cell);
-  surface_local_ = hit.inside.local;
+  surface_at_ = hit.inside;
   surface_point_m_ = field.position(hit.inside);
 }
 
-Contact ContactTracker::report(const PatchContact& field, const Hit& hit, double radius_m) const {
+Contact ContactTracker::report(const PatchContact& field, const Hit& hit) const {
   Contact contact;
   contact.touching = true;
   contact.surface_point_m = surface_point_m_;
   contact.normal = normal_;
   contact.surface_velocity_m_s = field.velocity(hit.inside);
-  contact.penetration_m = hit.t + radius_m;
+  contact.penetration_m = hit.depth();
   contact.patch_too_small = !hit.at_iso_surface && field.gridGoesOn(hit.inside);
   return contact;
 }
@@ -172,13 +229,13 @@ Contact ContactTracker::release(const Vector3& tip_m) {
 Contact ContactTracker::touch(const PatchContact& field, const Vector3& tip_m, double radius_m) {
   if (!touchDirection(field, tip_m, radius_m))
     return release(tip_m);
-  Hit hit = findSurface(field, {tip_m, normal_}, 0.0, -radius_m);
+  Hit hit = press(field, {tip_m, normal_}, 0.0, radius_m);
   if (!hit.found)
     return {};
   const Vector3 normal =
       hit.at_iso_surface ? gradientNormal(field, hit, normal_) : surfaceNormal(field, hit, normal_, radius_m);
   if (normal.dot(normal_) > 0.0) {
-    const Hit along_normal = findSurface(field, {tip_m, normal}, hit.t, -radius_m);
+    const Hit along_normal = press(field, {tip_m, normal}, hit.t, radius_m);
     if (along_normal.found) {
       normal_ = normal;
       hit = along_normal;
@@ -186,23 +243,25 @@ Contact ContactTracker::touch(const PatchContact& field, const Vector3& tip_m, d
   }
   touching_ = true;
   remember(field, hit);
-  return report(field, hit, radius_m);
+  return report(field, hit);
 }
 
 void ContactTracker::carrySurfacePoint(const PatchContact& field) {
+  if (field.revision() != surface_revision_)
+    return;  // the cell may have another shape; tissue hardly moves until the next query
   const std::uint32_t cell = field.cellOfId(surface_cell_id_);
   if (cell != PatchContact::kNoCell)
-    surface_point_m_ = field.position({cell, surface_local_});
+    surface_point_m_ = field.position({cell, surface_at_.local, surface_at_.cone});
 }
 
 Contact ContactTracker::follow(const PatchContact& field, const Vector3& tip_m, double radius_m) {
   carrySurfacePoint(field);
   const double expected = (surface_point_m_ - tip_m).dot(normal_);
-  const Hit hit = findSurface(field, {tip_m, normal_}, expected, -radius_m);
-  if (!hit.found || hit.t + radius_m <= 0.0)
+  const Hit hit = press(field, {tip_m, normal_}, expected, radius_m);
+  if (!hit.found || hit.depth() <= 0.0)
     return release(tip_m);
   remember(field, hit);
-  const Contact contact = report(field, hit, radius_m);
+  const Contact contact = report(field, hit);
   // Beyond the patch's end nothing is known of the surface.
   if (!contact.patch_too_small)
     normal_ = turnTowards(normal_, surfaceNormal(field, hit, normal_, radius_m));

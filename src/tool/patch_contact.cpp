@@ -7,13 +7,12 @@
 #include <utility>
 
 #include "soft_volume/common/error.h"
+#include "soft_volume/grid/cell_shape.h"
 
 namespace soft_volume::core {
 namespace {
 
-// Wide enough that rounding leaves no gap between two cells that share a face, narrow enough that nobody feels it.
-constexpr double kFaceTolerance = 1e-6;  // in local coordinates
-constexpr int kMaxBins = 24;             // per axis
+constexpr int kMaxBins = 24;  // per axis
 constexpr std::array<std::uint32_t, 8> kHexahedronOrder{0, 1, 2, 3, 4, 5, 6, 7};
 constexpr std::array<std::uint32_t, 8> kVoxelOrder{0, 1, 3, 2, 4, 5, 7, 6};
 
@@ -64,7 +63,9 @@ PatchContact::PatchContact(std::shared_ptr<const Volume> volume, double tissue_t
 
 void PatchContact::clear() {
   cells_.clear();
-  skipped_ = 0;
+  hexahedra_.clear();
+  cones_.clear();
+  has_cuts_ = false;
   bounds_.setEmpty();
   mean_edge_m_ = 0.0;
 }
@@ -78,71 +79,160 @@ void PatchContact::check(const Topology& topology, const GridPatch& patch) {
   require(allFinite(patch.positions) && allFinite(patch.velocities), "a position or velocity is not finite");
   fillSlots(patch.vertex_ids, topology.vertexCount(), vertex_slots_);
   fillSlots(patch.cell_ids, topology.cellCount(), cell_slots_);
-  for (const std::uint32_t id : patch.cell_ids) {
-    if (isHexahedral(topology.cell_types[id]))
-      checkCorners(topology, id);
-  }
+  for (const std::uint32_t id : patch.cell_ids)
+    checkCorners(topology, id);
 }
 
 void PatchContact::checkCorners(const Topology& topology, std::uint32_t id) const {
-  const std::uint32_t begin = topology.cell_offsets[id];
   const auto missing = [&](std::uint32_t vertex) { return vertex_slots_[vertex] == kNoCell; };
-  const auto corners = topology.connectivity.begin() + begin;
-  if (std::any_of(corners, corners + 8, missing)) {
-    require(false, "a vertex of cell " + std::to_string(id) + " is missing");
+  const std::uint32_t* begin = topology.connectivity.data() + topology.cell_offsets[id];
+  forEachFace(topology.cell_types[id], begin, [&](std::size_t, const std::uint32_t* loop, std::size_t size) {
+    if (std::any_of(loop, loop + size, missing))
+      require(false, "a vertex of cell " + std::to_string(id) + " is missing");
+  });
+}
+
+void PatchContact::countFaces(const Topology& topology) {
+  if (counted_session_ == topology.session && counted_revision_ == topology.revision &&
+      face_begins_.size() == topology.cellCount())
+    return;
+  counted_session_ = topology.session;
+  counted_revision_ = topology.revision;
+  face_begins_.resize(topology.cellCount());
+  std::size_t faces = 0;
+  for (std::size_t id = 0; id < topology.cellCount(); ++id) {
+    face_begins_[id] = std::uint32_t(faces);
+    faces += faceCount(topology.cell_types[id], topology.connectivity.data() + topology.cell_offsets[id]);
   }
 }
 
-// Bits of the faces behind which the grid has a cell that the patch lacks. An incision's face is a real surface.
-std::uint8_t PatchContact::missingNeighbours(const Topology& topology, std::uint32_t id) const {
-  if (!six_faces_each_)
-    return 0;
-  unsigned missing = 0;
-  for (std::size_t face = 0; face < 6; ++face) {
-    const std::size_t at = 6 * std::size_t(id) + face;
-    const std::int32_t neighbour = topology.face_neighbours[at];
-    const bool cut = at < topology.cut_faces.size() && topology.cut_faces[at] != 0;
-    if (neighbour >= 0 && !cut && cell_slots_[std::size_t(neighbour)] == kNoCell)
-      missing |= 1U << face;
-  }
-  return std::uint8_t(missing);
+PatchContact::Behind PatchContact::behind(const Topology& topology, std::uint32_t id, std::size_t face) const {
+  const std::size_t at = face_begins_[id] + face;
+  return {topology.face_neighbours[at], topology.cut_faces[at] != 0};
 }
 
-PatchContact::Cell PatchContact::makeCell(const Topology& topology, const GridPatch& patch, std::uint32_t id) const {
+// The grid has a cell behind the face that the patch lacks. An incision's face is a real surface.
+bool PatchContact::isMissing(const Behind& behind) const {
+  return behind.neighbour >= 0 && !behind.cut && cell_slots_[std::size_t(behind.neighbour)] == kNoCell;
+}
+
+void PatchContact::placePoints(const Topology& topology, const GridPatch& patch) {
+  positions_m_.clear();
+  places_m_.clear();
+  velocities_m_s_.clear();
+  for (std::size_t slot = 0; slot < patch.vertex_ids.size(); ++slot) {
+    const Vector3f& coordinates = topology.texture_coordinates[patch.vertex_ids[slot]];
+    positions_m_.push_back(patch.positions[slot].cast<double>());
+    places_m_.push_back(volume_->geometry().fromTexture(coordinates.cast<double>()));
+    velocities_m_s_.push_back(patch.velocities[slot].cast<double>());
+  }
+}
+
+// The image of a trilinear map and a cone lie in the hull of their corners; the margin keeps points within the face
+// tolerance.
+void PatchContact::addCell(Cell cell) {
+  const Vector3 margin = 10.0 * kFaceTolerance * cell.box.sizes() + Vector3::Constant(1e-9);
+  cell.box = Box3(Vector3(cell.box.min() - margin), Vector3(cell.box.max() + margin));
+  has_cuts_ |= cell.cut;
+  cells_.push_back(cell);
+}
+
+void PatchContact::addHexahedron(const Topology& topology, std::uint32_t id) {
   Trilinear::Corners position;
   Trilinear::Corners place;
   Trilinear::Corners velocity;
   Cell cell;
   for (std::uint32_t i = 0; i < 8; ++i) {
     const std::uint32_t at = topology.cell_offsets[id] + cornerOrder(topology.cell_types[id])[i];
-    const std::uint32_t vertex = topology.connectivity[at];
-    const std::uint32_t slot = vertex_slots_[vertex];
-    position[i] = patch.positions[slot].cast<double>();
-    velocity[i] = patch.velocities[slot].cast<double>();
-    place[i] = volume_->geometry().fromTexture(topology.texture_coordinates[vertex].cast<double>());
+    const std::uint32_t slot = vertex_slots_[topology.connectivity[at]];
+    position[i] = positions_m_[slot];
+    velocity[i] = velocities_m_s_[slot];
+    place[i] = places_m_[slot];
     cell.box.extend(position[i]);
   }
-  // The image of a trilinear map lies in the hull of its corners; the margin keeps points within the face tolerance.
-  const Vector3 margin = 10.0 * kFaceTolerance * cell.box.sizes() + Vector3::Constant(1e-9);
-  cell.box = Box3(Vector3(cell.box.min() - margin), Vector3(cell.box.max() + margin));
-  cell.position = Trilinear(position);
-  cell.velocity = Trilinear(velocity);
-  cell.place = Trilinear(place);
+  unsigned missing = 0;
+  for (std::size_t face = 0; face < 6; ++face) {
+    const Behind other = behind(topology, id, face);
+    missing |= isMissing(other) ? 1U << face : 0U;
+    cell.cut |= other.cut;
+  }
   cell.id = id;
-  cell.missing_neighbours = missingNeighbours(topology, id);
-  return cell;
+  cell.first = std::uint32_t(hexahedra_.size());
+  hexahedra_.push_back({Trilinear(position), Trilinear(place), Trilinear(velocity), std::uint8_t(missing)});
+  addCell(cell);
+}
+
+// A point in the middle of a cell's faces' corners, which extend its box.
+std::uint32_t PatchContact::addCentre(const Topology& topology, std::uint32_t id, Cell& cell) {
+  Vector3 position = Vector3::Zero();
+  Vector3 place = Vector3::Zero();
+  Vector3 velocity = Vector3::Zero();
+  double count = 0.0;
+  const std::uint32_t* begin = topology.connectivity.data() + topology.cell_offsets[id];
+  forEachFace(topology.cell_types[id], begin, [&](std::size_t, const std::uint32_t* loop, std::size_t size) {
+    for (std::size_t i = 0; i < size; ++i) {
+      const std::uint32_t slot = vertex_slots_[loop[i]];
+      position += positions_m_[slot];
+      place += places_m_[slot];
+      velocity += velocities_m_s_[slot];
+      cell.box.extend(positions_m_[slot]);
+    }
+    count += double(size);
+  });
+  positions_m_.push_back(position / count);
+  places_m_.push_back(place / count);
+  velocities_m_s_.push_back(velocity / count);
+  return std::uint32_t(positions_m_.size() - 1);
+}
+
+void PatchContact::addCones(const Topology& topology, std::uint32_t id) {
+  const std::uint32_t* begin = topology.connectivity.data() + topology.cell_offsets[id];
+  if (faceCount(topology.cell_types[id], begin) == 0)
+    return;
+  Cell cell;
+  cell.id = id;
+  cell.first = std::uint32_t(cones_.size());
+  const std::uint32_t centre = addCentre(topology, id, cell);
+  const double tolerance_m = kFaceTolerance * cell.box.sizes().maxCoeff();
+  forEachFace(topology.cell_types[id], begin, [&](std::size_t face, const std::uint32_t* loop, std::size_t size) {
+    const Behind other = behind(topology, id, face);
+    const bool fits_hexahedron =
+        other.neighbour >= 0 && !other.cut && isHexahedral(topology.cell_types[std::size_t(other.neighbour)]);
+    addFace({loop, size}, size == 4 && fits_hexahedron, isMissing(other), centre, tolerance_m);
+    cell.cut |= other.cut;
+  });
+  cell.cones = std::uint32_t(cones_.size()) - cell.first;
+  addCell(cell);
+}
+
+void PatchContact::addFace(const Loop& loop, bool bilinear, bool missing_neighbour, std::uint32_t centre,
+                           double tolerance_m) {
+  const auto slot = [&](std::size_t corner) { return vertex_slots_[loop.vertices[corner % loop.size]]; };
+  const auto add = [&](const SurfaceCone::Points& points) {
+    cones_.push_back({SurfaceCone(positions_m_, points, tolerance_m), missing_neighbour});
+  };
+  if (bilinear) {
+    add({centre, slot(0), slot(1), slot(2), slot(3)});
+    return;
+  }
+  const auto lowest = std::size_t(std::min_element(loop.vertices, loop.vertices + loop.size) - loop.vertices);
+  for (std::size_t i = 1; i + 1 < loop.size; ++i) {
+    const std::uint32_t last = slot(lowest + i + 1);
+    add({centre, slot(lowest), slot(lowest + i), last, last});
+  }
 }
 
 void PatchContact::update(const Topology& topology, const GridPatch& patch) {
   check(topology, patch);
   clear();
-  six_faces_each_ = std::all_of(topology.cell_types.begin(), topology.cell_types.end(), isHexahedral);
+  revision_ = patch.revision;
+  countFaces(topology);
+  placePoints(topology, patch);
   for (const std::uint32_t id : patch.cell_ids) {
-    if (isHexahedral(topology.cell_types[id])) {
-      cells_.push_back(makeCell(topology, patch, id));
-    } else {
-      ++skipped_;
-    }
+    if (isHexahedral(topology.cell_types[id]))
+      addHexahedron(topology, id);
+    else
+      addCones(topology, id);
   }
   if (cells_.empty())
     return;
@@ -154,9 +244,11 @@ void PatchContact::measure() {
   double edges = 0.0;
   for (const Cell& cell : cells_) {
     bounds_.extend(cell.box);
-    edges += cell.position.jacobian(Vector3::Constant(0.5)).colwise().norm().mean();
+    edges += hexahedra_.empty() ? cell.box.sizes().mean() : 0.0;
   }
-  mean_edge_m_ = edges / double(cells_.size());
+  for (const Hexahedron& hexahedron : hexahedra_)
+    edges += hexahedron.position.jacobian(Vector3::Constant(0.5)).colwise().norm().mean();
+  mean_edge_m_ = edges / double(hexahedra_.empty() ? cells_.size() : hexahedra_.size());
   march_step_m_ = std::max(0.5 * volume_->geometry().spacing_m.minCoeff(), mean_edge_m_ / 16.0);
 }
 
@@ -202,8 +294,9 @@ PatchContact::CellPoint PatchContact::locate(const Vector3& point_m, std::uint32
   if (cells_.empty() || !bounds_.contains(point_m))
     return {};
   if (hint < cells_.size() && cells_[hint].box.contains(point_m)) {
-    if (const auto local = cells_[hint].position.invert(point_m, kFaceTolerance))
-      return {hint, *local};
+    const CellPoint at = locateIn(hint, point_m);
+    if (at.found())
+      return at;
   }
   const auto bin = binOf(point_m);
   const std::size_t b = binIndex(bin[0], bin[1], bin[2]);
@@ -211,8 +304,22 @@ PatchContact::CellPoint PatchContact::locate(const Vector3& point_m, std::uint32
     const std::uint32_t c = bin_cells_[at];
     if (c == hint || !cells_[c].box.contains(point_m))
       continue;
-    if (const auto local = cells_[c].position.invert(point_m, kFaceTolerance))
-      return {c, *local};
+    const CellPoint found = locateIn(c, point_m);
+    if (found.found())
+      return found;
+  }
+  return {};
+}
+
+PatchContact::CellPoint PatchContact::locateIn(std::uint32_t cell, const Vector3& point_m) const {
+  const Cell& in = cells_[cell];
+  if (in.isHexahedron()) {
+    const auto local = hexahedra_[in.first].position.invert(point_m, kFaceTolerance);
+    return local ? CellPoint{cell, *local, 0} : CellPoint{};
+  }
+  for (std::uint32_t c = 0; c < in.cones; ++c) {
+    if (const auto local = cones_[in.first + c].shape.invert(point_m))
+      return {cell, *local, c};
   }
   return {};
 }
@@ -229,10 +336,20 @@ PatchContact::Sample PatchContact::sample(const Vector3& point_m, std::uint32_t 
 
 Vector3 PatchContact::gradient(const CellPoint& at) const {
   const Cell& cell = cells_[at.cell];
-  const Vector3 by_local = cell.place.jacobian(at.local).transpose() * volume_->gradient(volumePoint(at));
+  Matrix3 position;
+  Matrix3 place;
+  if (cell.isHexahedron()) {
+    position = hexahedra_[cell.first].position.jacobian(at.local);
+    place = hexahedra_[cell.first].place.jacobian(at.local);
+  } else {
+    const SurfaceCone& cone = cones_[cell.first + at.cone].shape;
+    position = cone.jacobian(positions_m_, at.local);
+    place = cone.jacobian(places_m_, at.local);
+  }
+  const Vector3 by_local = place.transpose() * volume_->gradient(volumePoint(at));
   Matrix3 inverse;
   bool invertible = false;
-  cell.position.jacobian(at.local).computeInverseWithCheck(inverse, invertible, 0.0);
+  position.computeInverseWithCheck(inverse, invertible, 0.0);
   if (!invertible)
     return Vector3::Zero();
   return inverse.transpose() * by_local;
@@ -245,7 +362,10 @@ std::uint32_t PatchContact::cellOfId(std::uint32_t id) const {
 }
 
 bool PatchContact::gridGoesOn(const CellPoint& at) const {
-  return (cells_[at.cell].missing_neighbours >> nearestFace(at.local)) & 1U;
+  const Cell& cell = cells_[at.cell];
+  if (!cell.isHexahedron())
+    return cones_[cell.first + at.cone].missing_neighbour;
+  return (hexahedra_[cell.first].missing_neighbours >> nearestFace(at.local)) & 1U;
 }
 
 }  // namespace soft_volume::core

@@ -144,16 +144,6 @@ TEST(PatchContactTest, VoxelsAreReadInTheirOwnOrder) {
   EXPECT_LT((contact.volumePoint(contact.locate(point)) - point).norm(), 1e-8);
 }
 
-TEST(PatchContactTest, OtherCellTypesAreCounted) {
-  Tissue tissue = makeFlatHalfSpace();
-  tissue.topology.cell_types[5] = CellType::kPolyhedron;
-  const PatchContact contact = contactOf(tissue);
-  EXPECT_EQ(contact.skippedCells(), 1U);
-  EXPECT_EQ(contact.cellCount(), tissue.topology.cellCount() - 1);
-  EXPECT_EQ(contact.cellOfId(5), PatchContact::kNoCell);
-  EXPECT_EQ(contact.cellId(contact.cellOfId(6)), 6U);
-}
-
 TEST(PatchContactTest, KnowsWhereThePatchEndsBeforeTheGrid) {
   Tissue tissue = makeFlatHalfSpace();
   tissue.keepCells([](const Vector3& centre) { return centre.z() < 0.030; });
@@ -163,16 +153,6 @@ TEST(PatchContactTest, KnowsWhereThePatchEndsBeforeTheGrid) {
   EXPECT_FALSE(contact.gridGoesOn({contact.cellOfId(tissue.cellAt(3, 3, 3)), {0.5, 0.5, 0.01}}));
   EXPECT_FALSE(contact.gridGoesOn({contact.cellOfId(tissue.cellAt(4, 4, 3)), {0.5, 0.5, 0.99}}));
   EXPECT_FALSE(contact.gridGoesOn({contact.cellOfId(tissue.cellAt(0, 3, 0)), {0.01, 0.5, 0.5}}));
-}
-
-TEST(PatchContactTest, KnowsNothingOfItAmongOtherCells) {
-  Tissue tissue = makeFlatHalfSpace();
-  tissue.keepCells([](const Vector3& centre) { return centre.z() < 0.030; });
-  // Two cells far from the patch change their number of faces, but not its sum: faces no longer count by six.
-  tissue.topology.cell_types.end()[-1] = CellType::kTetrahedron;
-  tissue.topology.cell_types.end()[-2] = CellType::kPolyhedron;
-  const PatchContact contact = contactOf(tissue);
-  EXPECT_FALSE(contact.gridGoesOn({contact.cellOfId(tissue.cellAt(3, 3, 3)), {0.5, 0.5, 0.99}}));
 }
 
 TEST(PatchContactTest, RefusesPatchesThatDoNotFitAndKeepsTheOldOne) {

@@ -8,6 +8,7 @@
 #include "soft_volume/common/geometry.h"
 #include "soft_volume/grid/patch.h"
 #include "soft_volume/grid/topology.h"
+#include "soft_volume/tool/surface_cone.h"
 #include "soft_volume/tool/trilinear.h"
 #include "soft_volume/volume/volume.h"
 
@@ -17,17 +18,23 @@ namespace soft_volume::core {
 /// texture coordinates into the volume and samples the intensity there. This is how a tool touches the volume itself
 /// instead of a surface mesh (dissertation, chapter 5: contact straight from the volume).
 ///
-/// Hexahedra and voxels of the patch take part; other cell types are counted in skippedCells() and are treated as air.
-/// Points and velocities are in the volume frame, metres and metres per second. Queries allocate nothing and take no
-/// lock; any number of threads may query while none calls update() or clear().
+/// Hexahedra and voxels are trilinear. All other cells, polyhedra included, are made of cones (surface_cone.h) over
+/// their faces: a quadrilateral shared with a hexahedron is bilinear, any other face is parted into the triangles at
+/// its lowest vertex. So both cells of a face give it the same shape: where they meet there is no gap beyond
+/// kFaceTolerance of a hexahedron's or, among others, of the mean edge. A cell with a dent so deep that its centre does
+/// not see it reaches over it. Points and velocities are in the volume frame, metres and metres per second. Queries
+/// allocate nothing and take no lock; any number of threads may query while none calls update() or clear().
 class PatchContact {
  public:
   static constexpr std::uint32_t kNoCell = 0xffffffffU;
+  /// Wide enough that rounding leaves no gap between two cells that share a face, narrow enough that nobody feels it.
+  static constexpr double kFaceTolerance = 1e-6;
 
   /// A point in a cell of the patch.
   struct CellPoint {
     std::uint32_t cell = kNoCell;     ///< index into the patch's cells, not the topology's number
-    Vector3 local = Vector3::Zero();  ///< trilinear coordinates in [0, 1]^3
+    Vector3 local = Vector3::Zero();  ///< trilinear coordinates in [0, 1]^3, or those of a cone
+    std::uint32_t cone = 0;           ///< of the cell's cones
     bool found() const { return cell != kNoCell; }
   };
 
@@ -50,24 +57,30 @@ class PatchContact {
 
   bool empty() const { return cells_.empty(); }
   std::size_t cellCount() const { return cells_.size(); }
-  std::size_t skippedCells() const { return skipped_; }
+  /// Whether a face of the patch's cells, or of one of them, was opened by an incision.
+  bool hasCuts() const { return has_cuts_; }
+  bool isCut(std::uint32_t cell) const { return cells_[cell].cut; }
+  /// Revision of the topology that the patch belongs to.
+  std::uint32_t revision() const { return revision_; }
   /// Box of the deformed cells; empty without cells.
   const Box3& bounds() const { return bounds_; }
   /// Distance between two looks along a ray: half a voxel, but not finer than 1/16 of a cell [m].
   double marchStep() const { return march_step_m_; }
-  /// Mean edge of the deformed cells [m]; 0 without cells.
+  /// Mean edge of the deformed hexahedra, or of the boxes around the cells where there are none [m]; 0 without cells.
   double meanEdge() const { return mean_edge_m_; }
 
   /// The cell that holds a point. On a common face any of the cells may answer; all give the same place. `hint` is the
   /// index of a cell to try first: it only saves time.
   CellPoint locate(const Vector3& point_m, std::uint32_t hint = kNoCell) const;
   Sample sample(const Vector3& point_m, std::uint32_t hint = kNoCell) const;
+  /// The same in one cell alone.
+  CellPoint locateIn(std::uint32_t cell, const Vector3& point_m) const;
 
   /// Deformed place of a point of a cell [m]. The functions below need a found point.
-  Vector3 position(const CellPoint& at) const { return cells_[at.cell].position.value(at.local); }
-  Vector3 velocity(const CellPoint& at) const { return cells_[at.cell].velocity.value(at.local); }
+  Vector3 position(const CellPoint& at) const { return value<&Hexahedron::position>(positions_m_, at); }
+  Vector3 velocity(const CellPoint& at) const { return value<&Hexahedron::velocity>(velocities_m_s_, at); }
   /// Its place in the undeformed volume, volume frame [m].
-  Vector3 volumePoint(const CellPoint& at) const { return cells_[at.cell].place.value(at.local); }
+  Vector3 volumePoint(const CellPoint& at) const { return value<&Hexahedron::place>(places_m_, at); }
   /// Gradient of the intensity by the deformed position [1/m]: the volume's gradient under the inverse transpose of the
   /// deformation gradient. Zero in a cell without volume.
   Vector3 gradient(const CellPoint& at) const;
@@ -75,23 +88,49 @@ class PatchContact {
   std::uint32_t cellId(std::uint32_t cell) const { return cells_[cell].id; }
   std::uint32_t cellOfId(std::uint32_t id) const;
   /// True when the grid goes on behind the face that the point is nearest to, but the patch does not: the patch is too
-  /// small to say what is there. Always false on grids that are not all hexahedra or voxels.
+  /// small to say what is there.
   bool gridGoesOn(const CellPoint& at) const;
 
  private:
-  struct Cell {
+  struct Hexahedron {
     Trilinear position;
     Trilinear place;
     Trilinear velocity;
+    std::uint8_t missing_neighbours = 0;  // bit f: the cell behind face f is not in the patch
+  };
+  struct Cone {
+    SurfaceCone shape;
+    bool missing_neighbour = false;
+  };
+  struct Cell {
     Box3 box;
     std::uint32_t id = 0;
-    std::uint8_t missing_neighbours = 0;  // bit f: the cell behind face f is not in the patch
+    std::uint32_t first = 0;  // its hexahedron, or the first of its cones
+    std::uint32_t cones = 0;
+    bool cut = false;
+    bool isHexahedron() const { return cones == 0; }
+  };
+  /// What is behind a face of a cell of the topology.
+  struct Behind {
+    std::int32_t neighbour;  // -1: none
+    bool cut;
+  };
+  struct Loop {
+    const std::uint32_t* vertices;
+    std::size_t size;
   };
 
   void check(const Topology& topology, const GridPatch& patch);
   void checkCorners(const Topology& topology, std::uint32_t id) const;
-  std::uint8_t missingNeighbours(const Topology& topology, std::uint32_t id) const;
-  Cell makeCell(const Topology& topology, const GridPatch& patch, std::uint32_t id) const;
+  void countFaces(const Topology& topology);
+  void placePoints(const Topology& topology, const GridPatch& patch);
+  Behind behind(const Topology& topology, std::uint32_t id, std::size_t face) const;
+  bool isMissing(const Behind& behind) const;
+  void addCell(Cell cell);
+  void addHexahedron(const Topology& topology, std::uint32_t id);
+  void addCones(const Topology& topology, std::uint32_t id);
+  std::uint32_t addCentre(const Topology& topology, std::uint32_t id, Cell& cell);
+  void addFace(const Loop& loop, bool bilinear, bool missing_neighbour, std::uint32_t centre, double tolerance_m);
   void measure();
   void buildBins();
   std::array<int, 3> binOf(const Vector3& point_m) const;
@@ -100,13 +139,25 @@ class PatchContact {
   }
   template <typename Visit>
   void forBinsOf(const Cell& cell, const Visit& visit) const;
+  template <Trilinear Hexahedron::*Field>
+  Vector3 value(const std::vector<Vector3>& field, const CellPoint& at) const {
+    const Cell& cell = cells_[at.cell];
+    return cell.isHexahedron() ? (hexahedra_[cell.first].*Field).value(at.local)
+                               : cones_[cell.first + at.cone].shape.value(field, at.local);
+  }
 
   std::shared_ptr<const Volume> volume_;
   double tissue_threshold_;
 
   std::vector<Cell> cells_;  // increasing id
-  std::size_t skipped_ = 0;
-  bool six_faces_each_ = false;  // all cells of the grid are hexahedra or voxels
+  std::vector<Hexahedron> hexahedra_;
+  std::vector<Cone> cones_;
+  bool has_cuts_ = false;
+  std::uint32_t revision_ = 0;
+  // The patch's vertices in its order, then the centres of cells that are made of cones.
+  std::vector<Vector3> positions_m_;
+  std::vector<Vector3> places_m_;
+  std::vector<Vector3> velocities_m_s_;
   Box3 bounds_;
   double march_step_m_ = 0.0;
   double mean_edge_m_ = 0.0;
@@ -116,6 +167,11 @@ class PatchContact {
   Vector3 bins_per_m_ = Vector3::Zero();
   std::vector<std::uint32_t> bin_offsets_;
   std::vector<std::uint32_t> bin_cells_;
+
+  // Of the grid with this session and revision: where a cell's faces begin.
+  std::uint64_t counted_session_ = 0;
+  std::uint32_t counted_revision_ = 0;
+  std::vector<std::uint32_t> face_begins_;
 
   // Scratch of update(), kept so that it allocates once: slot in the patch per vertex and cell of the grid.
   std::vector<std::uint32_t> vertex_slots_;

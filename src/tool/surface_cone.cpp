@@ -1,0 +1,101 @@
+#include "soft_volume/tool/surface_cone.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace soft_volume::core {
+namespace {
+
+constexpr double kBaseTolerance = 1e-6;  // of a quadrilateral's edges, as of a hexahedron's
+
+/// The bilinear term's share b c / a; finite and 0 at the apex, where b = c = 0.
+double mixed(const Vector3& local) {
+  return local[0] > 0.0 ? local[1] * local[2] / local[0] : 0.0;
+}
+
+}  // namespace
+
+SurfaceCone::SurfaceCone(const std::vector<Vector3>& positions_m, const Points& points, double tolerance_m)
+    : points_(points), apex_m_(positions_m[points[0]]) {
+  const auto& p = positions_m;
+  const std::uint32_t along_c = isQuadrilateral() ? points_[4] : points_[3];
+  Matrix3 linear;
+  linear << p[points_[1]] - apex_m_, p[points_[2]] - p[points_[1]], p[along_c] - p[points_[1]];
+  linear.computeInverseWithCheck(inverse_, has_volume_, 0.0);
+  has_volume_ = has_volume_ && inverse_.allFinite();
+  if (!has_volume_)
+    return;
+  if (isQuadrilateral())
+    warp_ = inverse_ * (p[points_[1]] - p[points_[2]] + p[points_[3]] - p[points_[4]]);
+  slack_ << inverse_.rowwise().norm(), (inverse_.row(0) - inverse_.row(1) - inverse_.row(2)).norm();
+  slack_ *= tolerance_m;
+}
+
+std::optional<Vector3> SurfaceCone::invert(const Vector3& point_m) const {
+  if (!has_volume_)
+    return std::nullopt;
+  const Vector3 linear = inverse_ * (point_m - apex_m_);
+  return isQuadrilateral() ? invertQuadrilateral(linear) : invertTriangle(linear);
+}
+
+std::optional<Vector3> SurfaceCone::invertTriangle(const Vector3& local) const {
+  const double rest = local[0] - local[1] - local[2];
+  if (local[0] > 1.0 + slack_[0] || local[1] < -slack_[1] || local[2] < -slack_[2] || rest < -slack_[3])
+    return std::nullopt;
+  const double b = std::max(local[1], 0.0);
+  const double c = std::max(local[2], 0.0);
+  const double a = std::max(rest, 0.0) + b + c;
+  return Vector3(Vector3(a, b, c) / std::max(1.0, a));
+}
+
+// The point is at (a, b, c) + k warp with k = b c / a, which makes k the root of a quadratic; a mild warp has a small
+// k.
+std::optional<Vector3> SurfaceCone::invertQuadrilateral(const Vector3& linear) const {
+  const double square = warp_[0] + warp_[1] * warp_[2];
+  const double slope = linear[0] + linear[1] * warp_[2] + linear[2] * warp_[1];
+  const double constant = linear[1] * linear[2];
+  const double discriminant = slope * slope - 4.0 * square * constant;
+  if (discriminant < 0.0)
+    return std::nullopt;
+  const double divisor = slope + std::copysign(std::sqrt(discriminant), slope);
+  const double roots[2] = {divisor != 0.0 ? 2.0 * constant / divisor : 0.0,
+                           square != 0.0 ? divisor / (2.0 * square) : 0.0};
+  for (const double k : roots) {
+    const Vector3 local = linear - k * warp_;
+    const double a = local[0];
+    const double least = -kBaseTolerance * std::max(a, kBaseTolerance);
+    if (a < -kBaseTolerance || a > 1.0 + kBaseTolerance || local[1] < least || local[2] < least ||
+        local[1] > a - least || local[2] > a - least)
+      continue;
+    const double clamped = std::clamp(a, 0.0, 1.0);
+    return Vector3(clamped, std::clamp(local[1], 0.0, clamped), std::clamp(local[2], 0.0, clamped));
+  }
+  return std::nullopt;
+}
+
+Vector3 SurfaceCone::value(const std::vector<Vector3>& field, const Vector3& local) const {
+  const auto [a, b, c] = std::array<double, 3>{local[0], local[1], local[2]};
+  if (!isQuadrilateral()) {
+    return (1.0 - a) * field[points_[0]] + (a - b - c) * field[points_[1]] + b * field[points_[2]] +
+           c * field[points_[3]];
+  }
+  const double k = mixed(local);
+  return (1.0 - a) * field[points_[0]] + (a - b - c + k) * field[points_[1]] + (b - k) * field[points_[2]] +
+         k * field[points_[3]] + (c - k) * field[points_[4]];
+}
+
+Matrix3 SurfaceCone::jacobian(const std::vector<Vector3>& field, const Vector3& local) const {
+  const auto& f = field;
+  const std::uint32_t along_c = isQuadrilateral() ? points_[4] : points_[3];
+  Matrix3 jacobian;
+  jacobian << f[points_[1]] - f[points_[0]], f[points_[2]] - f[points_[1]], f[along_c] - f[points_[1]];
+  if (isQuadrilateral() && local[0] > 0.0) {
+    const Vector3 warp = f[points_[1]] - f[points_[2]] + f[points_[3]] - f[points_[4]];
+    const double u = local[1] / local[0];
+    const double v = local[2] / local[0];
+    jacobian += warp * Eigen::RowVector3d(-u * v, v, u);
+  }
+  return jacobian;
+}
+
+}  // namespace soft_volume::core
