@@ -233,7 +233,7 @@ class Renderer::Impl {
     return render(camera, grid_.rest_positions, options);
   }
 
-  const Frame& renderCrossSection(const Camera& camera, double z_m) {
+  const Frame& renderCrossSection(const Camera& camera, const std::vector<Vector3f>& positions, double z_m) {
     camera.validate();
     requireScene();
     if (!canvas_)
@@ -243,13 +243,19 @@ class Renderer::Impl {
                        " m, outside the camera's near and far");
     RenderOptions options;
     options.shading = 0.0;
-    slicer_.transform(camera, grid_.rest_positions, threadsFor(0));
+    slicer_.transform(camera, positions, threadsFor(0));
+    if (&positions != &grid_.rest_positions)
+      requireSaneSize(positions);
     const View view{{z_m - 0.5, 1.0, 0, 1}};
     forgetFrame();
     is_update_ = false;
     startFrame(camera, options, wholeImage(camera));
     drawSlices(camera, options, view, wholeImage(camera), true);
     return frame_;
+  }
+
+  const Frame& renderCrossSection(const Camera& camera, double z_m) {
+    return renderCrossSection(camera, grid_.rest_positions, z_m);
   }
 
   const Frame& renderStored(const Camera& camera) {
@@ -688,6 +694,9 @@ const Frame& Renderer::render(const Camera& camera, const std::vector<Vector3f>&
 }
 const Frame& Renderer::render(const Camera& camera, const RenderOptions& options) {
   return impl_->render(camera, options);
+}
+const Frame& Renderer::renderCrossSection(const Camera& camera, const std::vector<Vector3f>& positions, double z_m) {
+  return impl_->renderCrossSection(camera, positions, z_m);
 }
 const Frame& Renderer::renderCrossSection(const Camera& camera, double z_m) {
   return impl_->renderCrossSection(camera, z_m);

@@ -705,6 +705,28 @@ TEST_P(SliceBackend, CrossSectionHasTheColoursOfTheTransferFunction) {
   }
 }
 
+TEST_P(SliceBackend, CrossSectionFollowsThePositions) {
+  const Box3 box(Vector3(-0.2, -0.1, 0.9), Vector3(0.2, 0.1, 1.1));
+  const auto volume = makeVolume(Vector3i(20, 4, 4), Vector3::Ones(), [](const Vector3& t) { return t.x(); });
+  Scene scene(GetParam(), box, Vector3i(2, 2, 2), volume, makeRamp(0.0, 1.0));
+  std::vector<Vector3f> stretched = scene.topology.rest_positions;
+  for (Vector3f& p : stretched)
+    p.x() *= 1.25F;
+  const Camera camera = straightCamera(Vector3::Zero());
+  const Frame& frame = scene.renderer.renderCrossSection(camera, stretched, 1.0);
+  forEachPixel(frame, [&](int u, int v, float opacity) {
+    const double x = (u - camera.cx) / camera.fx;
+    const double y = (v - camera.cy) / camera.fy;
+    if (std::min(std::abs(std::abs(x) - 0.25), std::abs(std::abs(y) - 0.1)) < 1e-5)
+      return;
+    const bool inside = std::abs(x) < 0.25 && std::abs(y) < 0.1;
+    ASSERT_EQ(opacity, inside ? 1.0F : 0.0F) << u << ' ' << v;
+    ASSERT_NEAR(pixelOf(frame, u, v)[0], inside ? std::clamp((x / 1.25 + 0.2) / 0.4, 0.025, 0.975) : 0.0, 3e-4);
+  });
+  stretched.pop_back();
+  EXPECT_THROW(scene.renderer.renderCrossSection(camera, stretched, 1.0), InputError);
+}
+
 double meanDifference(const Frame& a, const Frame& b) {
   double sum = 0.0;
   for (std::size_t i = 0; i < a.rgba.size(); ++i)

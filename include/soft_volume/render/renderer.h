@@ -143,7 +143,10 @@ class Renderer {
   /// The grid at rest.
   const Frame& render(const Camera& camera, const RenderOptions& options = {});
   /// One slice through the grid at depth z_m of the camera frame, with the transfer function's colours and without
-  /// transparency (Figure 5.2). Not for kExact.
+  /// transparency (Figure 5.2). Throws as render(), and InputError where the depth is not between near and far. Not for
+  /// kExact.
+  const Frame& renderCrossSection(const Camera& camera, const std::vector<Vector3f>& positions, double z_m);
+  /// The grid at rest.
   const Frame& renderCrossSection(const Camera& camera, double z_m);
   /// The slices of the last frame's view and positions, seen from another camera (dissertation, section 3.7.3): for
   /// while a view changes, as it cuts nothing anew. Good up to some 45 degrees, empty at 90. Throws InputError when
