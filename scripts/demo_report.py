@@ -20,6 +20,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 FONT = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
 VIDEO_RATE_HZ = 10
+PAUSE_S = 0.5  # a longer pause parts two strokes, or two pokes
 
 
 class Failure(Exception):
@@ -94,10 +95,12 @@ class Run:
     def __init__(self, bag):
         self.stats = self.messages(bag, "/simulation/stats")
         self.render_stats = self.messages(bag, "/render/stats")
-        self.cut_times_s = [m.header.stamp.to_sec() for m in self.messages(bag, "/tool/cut")]
-        self.forces = [(m.header.stamp.to_sec(), math.hypot(m.force.x, m.force.y, m.force.z))
+        cuts = self.messages(bag, "/tool/cut")
+        blades = {m.tool_id for m in cuts}
+        self.strokes = episodes([m.header.stamp.to_sec() for m in cuts])
+        self.forces = [(m.header.stamp.to_sec(), math.hypot(m.force.x, m.force.y, m.force.z), m.tool_id)
                        for m in self.messages(bag, "/tool/force")]
-        self.contact_times_s = [time_s for time_s, force_n in self.forces if force_n > 0.0]
+        self.pokes = episodes([time_s for time_s, force_n, tool in self.forces if force_n > 0.0 and tool not in blades])
         if not self.stats:
             raise Failure("the bag has no simulation/stats")
 
@@ -114,11 +117,21 @@ class Run:
                 wall += (after.simulation_time - before.simulation_time) / after.real_time_factor
         return simulated / wall if wall > 0.0 else 0.0
 
-    def deepest_time_s(self):
-        """When the tissue was pushed farthest before it was cut; None when it never was pushed."""
-        end_s = self.cut_times_s[0] if self.cut_times_s else math.inf
-        pushed = [m for m in self.stats if m.header.stamp.to_sec() < end_s and m.max_displacement > 0.001]
-        return max(pushed, key=lambda m: m.max_displacement).header.stamp.to_sec() if pushed else None
+    def hardest_time_s(self, poke):
+        """When the tool pushed most."""
+        begin_s, end_s = poke
+        return max((force_n, time_s) for time_s, force_n, _ in self.forces if begin_s <= time_s <= end_s)[1]
+
+
+def episodes(times_s):
+    """(begin, end) of what happened without a pause of PAUSE_S."""
+    found = []
+    for time_s in times_s:
+        if found and time_s - found[-1][1] < PAUSE_S:
+            found[-1][1] = time_s
+        else:
+            found.append([time_s, time_s])
+    return found
 
 
 def nearest(frames, time_s):
@@ -131,19 +144,16 @@ def last_until(frames, time_s):
 
 def choose_moments(run, frames):
     """(caption, frame) of what happened, in order; a run that ends early has fewer."""
-    first_s, end_s = frames[0].time_s, frames[-1].time_s
-    contact_s = run.contact_times_s[0] if run.contact_times_s else end_s
-    moments = [("before", last_until(frames, max(first_s, contact_s)))]
-    deepest_s = run.deepest_time_s()
-    if deepest_s is not None:
-        moments.append(("poked", nearest(frames, deepest_s)))
-    if run.cut_times_s:
-        cut_s, cut_end_s = run.cut_times_s[0], run.cut_times_s[-1]
-        if deepest_s is not None:
-            moments.append(("released", last_until(frames, scalpel_touch_s(run, deepest_s, cut_s))))
-        moments.append(("cut", during_cut(frames)))
-        if end_s > cut_end_s:
-            moments.append(("opened", frames[-1]))
+    events = sorted([(poke, True) for poke in run.pokes] + [(stroke, False) for stroke in run.strokes])
+    starts_s = [event[0] for event, _ in events] + [math.inf]
+    moments = [("before", last_until(frames, starts_s[0]))]
+    for n, ((begin_s, end_s), is_poke) in enumerate(events):
+        if is_poke:
+            moments.append(("poked", nearest(frames, run.hardest_time_s((begin_s, end_s)))))
+        else:
+            moments.append(("cut", during_cut([frame for frame in frames if begin_s <= frame.time_s <= end_s] or frames)))
+        if frames[-1].time_s > end_s:
+            moments.append(("released" if is_poke else "opened", last_until(frames, starts_s[n + 1])))
     return moments
 
 
@@ -151,12 +161,6 @@ def during_cut(frames):
     """Every cut that meets tissue makes a new revision of the grid: the frame with three quarters of them."""
     wanted = frames[0].revision + 0.75 * (frames[-1].revision - frames[0].revision)
     return min(frames, key=lambda frame: abs(frame.revision - wanted))
-
-
-def scalpel_touch_s(run, deepest_s, cut_s):
-    """The end of the longest pause in touching the tissue between the poke and the cut."""
-    times_s = [deepest_s] + [t for t in run.contact_times_s if deepest_s < t < cut_s] + [cut_s]
-    return max(zip(times_s, times_s[1:]), key=lambda pair: pair[1] - pair[0])[1]
 
 
 def write_sheet(moments, start_s, path):
@@ -230,7 +234,7 @@ def summarize(run, bag, frames, replay):
         "render_ms_median": round(statistics.median(m.total_ms for m in run.render_stats), 2),
         "renderer": run.render_stats[-1].renderer,
         "max_displacement_m": last.max_displacement_ever,
-        "max_tool_force_n": max((force_n for _, force_n in run.forces), default=0.0),
+        "max_tool_force_n": max((force_n for _, force_n, _ in run.forces), default=0.0),
         "cut_opening_m": last.cut_opening_max,
         "inputs_applied": last.inputs_applied,
         "inputs_refused": last.inputs_refused,
