@@ -29,7 +29,12 @@ BladeCutResult CutTissue::cut(const std::vector<SweptQuad>& quads, Simulation& s
   std::vector<Vector3> positions = places(simulation.positions());
   const BladeCutResult result = cut(quads, simulation.reach(), positions);
   simulation.adoptTopology();
+  simulation.setLips(lips());
   return result;
+}
+
+std::vector<LipContact> CutTissue::lips() const {
+  return findLipContacts(mesh, embedding, block.lattice, block.materials, IncisionSettings());
 }
 
 std::vector<Vector3> CutTissue::places(const std::vector<Vector3>& positions_m) const {

@@ -7,6 +7,7 @@
 #include "blocks.h"
 #include "soft_volume/incision/blade_cut.h"
 #include "soft_volume/incision/embedding.h"
+#include "soft_volume/incision/lip_contacts.h"
 #include "soft_volume/incision/piece_shape.h"
 
 namespace soft_volume::core::validate {
@@ -21,9 +22,10 @@ struct CutTissue {
   BladeCutResult cut(const std::vector<SweptQuad>& quads, double reach_m, std::vector<Vector3>& positions_m);
   /// Cuts tissue at rest.
   BladeCutResult cut(const std::vector<SweptQuad>& quads);
-  /// Cuts the tissue of a simulation of the block, which adopts it.
+  /// Cuts the tissue of a simulation of the block, which adopts it; its lips press on each other.
   BladeCutResult cut(const std::vector<SweptQuad>& quads, Simulation& simulation);
 
+  std::vector<LipContact> lips() const;
   /// Where the mesh's vertices are when the lattice's are at `positions_m`.
   std::vector<Vector3> places(const std::vector<Vector3>& positions_m) const;
   Vector3 size() const { return block.lattice.dims.cast<double>().cwiseProduct(block.lattice.spacing_m); }
