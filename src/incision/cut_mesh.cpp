@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cassert>
 #include <numeric>
+#include <string>
+#include <utility>
 
+#include "soft_volume/common/error.h"
 #include "soft_volume/grid/hexahedron.h"
 
 namespace soft_volume::core {
@@ -63,6 +66,11 @@ void join(Numbers& parents, std::uint32_t a, std::uint32_t b) {
   parents[std::max(a, b)] = std::min(a, b);
 }
 
+void require(bool condition, const char* problem) {
+  if (!condition)
+    throw InputError(std::string("cut mesh: ") + problem);
+}
+
 /// Room for cuts, so that the first of them does not move all that there is.
 std::size_t withRoom(std::size_t count) {
   return count + count / 4;
@@ -108,6 +116,83 @@ void CutMesh::addPiece(const Lattice& lattice, std::uint32_t cell) {
       pieces_[static_cast<std::size_t>(other)].faces.push_back(number);
     faces_.push_back(std::move(face));
   }
+}
+
+CutMesh::CutMesh(const Lattice& lattice, const std::vector<Source>& sources, std::vector<Face> faces,
+                 std::vector<Piece> pieces)
+    : faces_(std::move(faces)), pieces_(std::move(pieces)) {
+  rest_positions_ = lattice.rest_positions;
+  for (std::uint32_t v = 0; v < rest_positions_.size(); ++v)
+    sources_.push_back({v, v, 0.0});
+  for (const Source& source : sources) {
+    require(source.a < vertexCount() && source.b < vertexCount() && source.share >= 0.0 && source.share <= 1.0,
+            "a vertex is placed by vertices that follow it");
+    rest_positions_.push_back(rest_positions_[source.a] +
+                              source.share * (rest_positions_[source.b] - rest_positions_[source.a]));
+    sources_.push_back(source);
+  }
+  require(pieces_.size() >= lattice.cellCount(), "a cell has no piece");
+  pieces_of_cell_.resize(lattice.cellCount());
+  for (std::uint32_t p = 0; p < pieces_.size(); ++p)
+    takePiece(p);
+  for (std::uint32_t f = 0; f < faces_.size(); ++f)
+    takeFace(f);
+  pieces_around_.resize(vertexCount());
+  for (std::uint32_t p = 0; p < pieces_.size(); ++p) {
+    requireClosed(p);
+    for (const std::uint32_t v : verticesOf(p))
+      pieces_around_[v].push_back(p);
+  }
+}
+
+void CutMesh::takePiece(std::uint32_t number) {
+  Piece& piece = pieces_[number];
+  piece.faces.clear();
+  require(piece.cell < pieces_of_cell_.size() && piece.origin <= number, "a piece belongs to no cell");
+  const bool whole = number < pieces_of_cell_.size();
+  require(whole ? piece.cell == number && piece.origin == number
+                : piece.origin < number && pieces_[piece.origin].cell == piece.cell,
+          "a piece comes from another cell");
+  pieces_of_cell_[piece.cell].push_back(number);
+}
+
+void CutMesh::takeFace(std::uint32_t number) {
+  const Face& face = faces_[number];
+  Numbers vertices = face.loop;
+  std::sort(vertices.begin(), vertices.end());
+  require(vertices.size() >= 3 && vertices.back() < vertexCount() &&
+              std::adjacent_find(vertices.begin(), vertices.end()) == vertices.end(),
+          "a face has fewer than three vertices, one twice, or one that does not exist");
+  const auto exists = [this](std::int32_t p) { return p >= 0 && static_cast<std::size_t>(p) < pieces_.size(); };
+  require(exists(face.pieces[0]) && face.pieces[0] != face.pieces[1] &&
+              (face.pieces[1] == kNone || exists(face.pieces[1])),
+          "a face has no piece");
+  for (const std::int32_t piece : face.pieces) {
+    if (piece != kNone)
+      pieces_[static_cast<std::size_t>(piece)].faces.push_back(number);
+  }
+}
+
+/// Throws InputError unless each edge of a piece belongs to two of its faces, which run along it in opposite directions.
+void CutMesh::requireClosed(std::uint32_t piece) const {
+  std::vector<std::array<std::uint32_t, 2>> edges;
+  for (const Numbers& loop : loopsOf(piece)) {
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      edges.push_back({loop[i], loop[(i + 1) % loop.size()]});
+  }
+  std::sort(edges.begin(), edges.end());
+  bool closed = edges.size() >= 12 && std::adjacent_find(edges.begin(), edges.end()) == edges.end();
+  for (const auto& [a, b] : edges)
+    closed &= std::binary_search(edges.begin(), edges.end(), std::array<std::uint32_t, 2>{b, a});
+  require(closed, "a piece is not closed");
+}
+
+Numbers CutMesh::takeChangedPieces() {
+  Numbers changed = std::move(changed_pieces_);
+  changed_pieces_.clear();
+  std::sort(changed.begin(), changed.end());
+  changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
+  return changed;
 }
 
 Numbers CutMesh::outwardLoop(std::uint32_t face, std::uint32_t piece) const {
@@ -169,8 +254,10 @@ std::uint32_t CutMesh::splitEdge(std::uint32_t a, std::uint32_t b, double share)
       // The piece on the other side of a face may have been here before.
       has_edge |= insertBetween(faces_[f].loop, a, b, middle) || contains(faces_[f].loop, middle);
     }
-    if (has_edge)
+    if (has_edge) {
       pieces_around_[middle].push_back(piece);
+      changed_pieces_.push_back(piece);
+    }
   }
   return middle;
 }
@@ -182,8 +269,10 @@ std::uint32_t CutMesh::splitFace(std::uint32_t face, std::uint32_t from, std::ui
   faces_[face].loop = wayAround(faces_[face].loop, from, to);
   assert(rest.loop.size() >= 3 && faces_[face].loop.size() >= 3);
   for (const std::int32_t owner : rest.pieces) {
-    if (owner != kNone)
-      pieces_[static_cast<std::size_t>(owner)].faces.push_back(number);
+    if (owner == kNone)
+      continue;
+    pieces_[static_cast<std::size_t>(owner)].faces.push_back(number);
+    changed_pieces_.push_back(static_cast<std::uint32_t>(owner));
   }
   faces_.push_back(std::move(rest));
   return number;
@@ -199,7 +288,10 @@ std::uint32_t CutMesh::splitPiece(std::uint32_t piece, const Numbers& moved, con
     owners[owners[0] == static_cast<std::int32_t>(piece) ? 0 : 1] = static_cast<std::int32_t>(number);
     eraseSorted(pieces_[piece].faces, f);
     insertSorted(pieces_[number].faces, f);
+    if (across(f, number) != kNone)
+      changed_pieces_.push_back(static_cast<std::uint32_t>(across(f, number)));
   }
+  changed_pieces_.insert(changed_pieces_.end(), {piece, number});
   for (const Numbers& loop : section) {
     const auto f = static_cast<std::uint32_t>(faces_.size());
     faces_.push_back({loop, {static_cast<std::int32_t>(piece), static_cast<std::int32_t>(number)}, false});
@@ -223,6 +315,8 @@ void CutMesh::openFace(std::uint32_t face) {
   std::reverse(lip.loop.begin(), lip.loop.end());
   faces_[face].pieces[1] = kNone;
   faces_[face].opened = true;
+  changed_pieces_.insert(changed_pieces_.end(),
+                         {static_cast<std::uint32_t>(faces_[face].pieces[0]), static_cast<std::uint32_t>(other)});
   Piece& piece = pieces_[static_cast<std::size_t>(other)];
   eraseSorted(piece.faces, face);
   piece.faces.push_back(number);
@@ -268,6 +362,7 @@ std::uint32_t CutMesh::partVertex(std::uint32_t vertex) {
     }
     const auto number = static_cast<std::uint32_t>(replica);
     replaceVertex(around[n], vertex, number);
+    changed_pieces_.push_back(around[n]);
     eraseSorted(pieces_around_[vertex], around[n]);
     pieces_around_[number].push_back(around[n]);
   }

@@ -199,11 +199,6 @@ class Update {
     sortUnique(around_);
   }
 
-  /// The first cell at a cell's place, which the mesh knows.
-  std::uint32_t firstCell(std::uint32_t cell) const {
-    return static_cast<std::uint32_t>(lattice_.cell_at[lattice_.parent_cells[cell]]);
-  }
-
   int faceTowards(std::uint32_t cell, std::uint32_t other) const {
     const Vector3i step =
         lattice_.cellIndex(lattice_.parent_cells[other]) - lattice_.cellIndex(lattice_.parent_cells[cell]);
@@ -214,7 +209,7 @@ class Update {
 
   void findLinks() {
     for (const std::uint32_t cell : around_) {
-      if (firstCell(cell) != cell)
+      if (lattice_.firstCell(cell) != cell)
         continue;
       for (const std::uint32_t piece : mesh_.piecesOfCell(cell)) {
         for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
@@ -245,7 +240,7 @@ class Update {
   /// Calls visit(place in the cell) for the mesh vertices of a body until it says true.
   template <typename Visit>
   bool anyVertexOf(std::uint32_t cell, const Visit& visit) const {
-    for (const std::uint32_t piece : mesh_.piecesOfCell(firstCell(cell))) {
+    for (const std::uint32_t piece : mesh_.piecesOfCell(lattice_.firstCell(cell))) {
       if (cells_of_pieces_[piece] != cell)
         continue;
       for (const std::uint32_t v : mesh_.verticesOf(piece)) {
@@ -376,7 +371,7 @@ class Update {
   void measureSurface(std::uint32_t cell) {
     auto& shares = lattice_.surface_shares[cell];
     shares.fill(0.0);
-    for (const std::uint32_t piece : mesh_.piecesOfCell(firstCell(cell))) {
+    for (const std::uint32_t piece : mesh_.piecesOfCell(lattice_.firstCell(cell))) {
       if (cells_of_pieces_[piece] != cell)
         continue;
       for (const std::uint32_t f : mesh_.pieces()[piece].faces) {

@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "flat_arrays.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
 #include "soft_volume/grid/cell_shape.h"
@@ -44,24 +45,6 @@ std::vector<core::Vector3f> fromPoints32(const std::vector<geometry_msgs::Point3
   for (const geometry_msgs::Point32& p : points)
     result.push_back(fromPoint32(p));
   return result;
-}
-
-std::vector<double> flatten(const std::vector<core::Vector3>& vectors) {
-  std::vector<double> values;
-  values.reserve(3 * vectors.size());
-  for (const core::Vector3& v : vectors)
-    values.insert(values.end(), v.data(), v.data() + 3);
-  return values;
-}
-
-std::vector<core::Vector3> unflatten(const std::vector<double>& values, const char* name) {
-  if (values.size() % 3 != 0)
-    throw core::InputError(std::string(name) + " does not hold three numbers per entry");
-  std::vector<core::Vector3> vectors(values.size() / 3);
-  for (std::size_t n = 0; n < vectors.size(); ++n) {
-    vectors[n] = core::Vector3(values[3 * n], values[3 * n + 1], values[3 * n + 2]);
-  }
-  return vectors;
 }
 
 core::VolumeGeometry geometryOf(const Volume& message) {
@@ -132,17 +115,6 @@ core::Integrator integratorNamed(const std::string& name) {
   for (const std::string& known : core::choiceNames<core::Integrator>())
     list += (list.empty() ? "" : ", ") + known;
   throw core::InputError("there is no integrator '" + name + "'; it must be one of: " + list);
-}
-
-/// Rows of N numbers as the message keeps them: one after the other.
-template <std::size_t N, typename T>
-std::vector<std::array<T, N>> rows(const std::vector<T>& values, const char* name) {
-  if (values.size() % N != 0)
-    throw core::InputError(std::string(name) + " has an incomplete row");
-  std::vector<std::array<T, N>> result(values.size() / N);
-  for (std::size_t n = 0; n < values.size(); ++n)
-    result[n / N][n % N] = values[n];
-  return result;
 }
 
 template <typename Message>
@@ -598,8 +570,7 @@ SimulationCheckpoint toMessage(const core::Session& session, const core::Checkpo
   message.step = checkpoint.state.step;
   message.scene_hash = checkpoint.scene_hash;
   message.volume_hash = checkpoint.volume_hash;
-  message.topology = topologyMessage(session);
-  message.rest_stretch = flatten(checkpoint.rest_stretch);
+  message.incisions = toMessage(checkpoint.incisions);
   message.displacements = flatten(checkpoint.state.displacements_m);
   message.velocities = flatten(checkpoint.state.velocities_m_s);
   message.lifetimes = checkpoint.state.lifetimes;
@@ -626,11 +597,7 @@ core::Checkpoint fromMessage(const SimulationCheckpoint& message) {
   checkpoint.revision = message.revision;
   checkpoint.scene_hash = message.scene_hash;
   checkpoint.volume_hash = message.volume_hash;
-  checkpoint.cells = rows<8>(message.topology.connectivity, "connectivity");
-  checkpoint.face_neighbours = rows<6>(message.topology.face_neighbours, "face_neighbours");
-  checkpoint.cut_faces = rows<6>(message.topology.cut_faces, "cut_faces");
-  checkpoint.origin_vertices = message.topology.origin_vertices;
-  checkpoint.rest_stretch = unflatten(message.rest_stretch, "rest_stretch");
+  checkpoint.incisions = fromMessage(message.incisions);
   checkpoint.state.step = message.step;
   checkpoint.state.displacements_m = unflatten(message.displacements, "displacements");
   checkpoint.state.velocities_m_s = unflatten(message.velocities, "velocities");

@@ -101,8 +101,7 @@ core::Image FrameReplay::render(const core::Session& session, const core::Render
   core::Camera camera = camera_settings->camera;
   camera.T_volume_camera = fromPose(stats.pose);
   std::vector<core::Vector3f> positions;
-  positions.reserve(session.simulation().positions().size());
-  for (const core::Vector3& p : session.simulation().positions())
+  for (const core::Vector3& p : session.drawnPositions())
     positions.push_back(p.cast<float>());
   renderer_->forgetFrame();
   return renderer_->render(camera, positions, options).toRgb8(settings.background);

@@ -83,7 +83,6 @@ std::string differentField(const SimulationCheckpoint& recorded, const Simulatio
       .field("state_hash", &C::state_hash)
       .field("displacements", &C::displacements)
       .field("velocities", &C::velocities)
-      .field("rest_stretch", &C::rest_stretch)
       .field("lifetimes", &C::lifetimes)
       .field("forces", &C::forces)
       .field("grips", &C::grips)
@@ -93,7 +92,7 @@ std::string differentField(const SimulationCheckpoint& recorded, const Simulatio
       .field("dt_since_time", &C::dt_since_time)
       .field("sequence_tools", &C::sequence_tools)
       .field("sequences", &C::sequences)
-      .orElse("topology");
+      .orElse("incisions");
 }
 
 template <typename Message>

@@ -84,7 +84,7 @@ void StateCheck::visit(const core::Session& session) {
   if (wanted_.count(here) == 0 || bases_.count(here) != 0)
     return;
   Positions& base = bases_[here];
-  for (const core::Vector3& p : session.simulation().positions())
+  for (const core::Vector3& p : session.drawnPositions())
     base.push_back(p.cast<float>().cast<double>());
   if (bases_.size() > kMostBases)
     bases_.erase(bases_.begin());
@@ -98,7 +98,7 @@ const StateCheck::Positions* StateCheck::find(const Place& place) const {
 std::optional<ReplayDifference> StateCheck::compare(const core::Session& session, const GridState& recorded,
                                                     const BagMessage* previous) const {
   const core::GridStateFrame frame = fromMessage(recorded);
-  const auto& positions = session.simulation().positions();
+  const std::vector<core::Vector3> positions = session.drawnPositions();
   if (frame.revision != session.lattice().revision) {
     return stateDifference(frame, "it has revision " + std::to_string(frame.revision) + ", the rebuilt grid " +
                                       std::to_string(session.lattice().revision));

@@ -437,7 +437,7 @@ void SimulationNode::publishState(bool key_frame) {
   frame.step = session_->steps();
   frame.simulation_time_s = session_->simulationTime();
   frame.state_hash = session_->simulation().stateHash();
-  encoder_.encode(session_->simulation().positions(), key_frame_wanted_.exchange(false) || key_frame, frame);
+  encoder_.encode(session_->drawnPositions(), key_frame_wanted_.exchange(false) || key_frame, frame);
   auto message = boost::make_shared<GridState>(toMessage(frame));
   stamp(*message);
   state_publisher_.publish(message);

@@ -342,6 +342,7 @@ Scene parseScene(const std::string& yaml, const std::string& origin, const std::
   scene.lattice = readLattice(top.map("lattice"));
   scene.simulation = readSimulation(top.map("simulation"), scene.max_tool_force_n);
   YamlMap incision = top.map("incision");
+  readChoice(incision, "method", scene.incision.method);
   scene.incision.rest_fraction = incision.number("rest_fraction", {0.3, 1.0}, scene.incision.rest_fraction);
   incision.finish();
   scene.output = readOutput(top.map("output"));

@@ -268,7 +268,10 @@ std::string writeScene(const Scene& scene) {
     out.list("materials", scene.materials, [&out](const Material& m) { writeMaterial(out, m); });
     out.map("lattice", [&] { writeLattice(out, scene.lattice); });
     out.map("simulation", [&] { writeSimulation(out, scene); });
-    out.map("incision", [&] { out.number("rest_fraction", scene.incision.rest_fraction); });
+    out.map("incision", [&] {
+      out.text("method", nameOf(scene.incision.method));
+      out.number("rest_fraction", scene.incision.rest_fraction);
+    });
     out.map("output", [&] {
       out.number("state_rate_hz", scene.output.state_rate_hz);
       out.number("patch_rate_hz", scene.output.patch_rate_hz);

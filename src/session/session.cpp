@@ -6,7 +6,6 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/common/hash.h"
-#include "soft_volume/incision/incision.h"
 
 namespace soft_volume::core {
 namespace {
@@ -51,72 +50,12 @@ bool allFinite(const ToolCutCommand& command) {
   return true;
 }
 
-/// Throws InputError unless the checkpoint's lattice is one that incisions can make of `pristine`.
-void checkLattice(const Checkpoint& checkpoint, const Lattice& pristine, std::size_t pristine_vertices) {
-  const std::size_t cells = pristine.cellCount();
-  if (checkpoint.cells.size() != cells || checkpoint.face_neighbours.size() != cells ||
-      checkpoint.cut_faces.size() != cells || checkpoint.rest_stretch.size() != cells ||
-      checkpoint.origin_vertices.size() < pristine_vertices) {
-    throw InputError("the checkpoint belongs to another lattice: its cell or vertex count differs");
-  }
-  const std::size_t vertices = checkpoint.origin_vertices.size();
-  for (std::uint32_t v = 0; v < vertices; ++v) {
-    const std::uint32_t origin = checkpoint.origin_vertices[v];
-    if (v < pristine_vertices ? origin != v : origin >= v) {
-      throw InputError("the checkpoint replicates a vertex that does not exist");
-    }
-  }
-  for (std::size_t c = 0; c < cells; ++c) {
-    for (const std::uint32_t v : checkpoint.cells[c]) {
-      if (v >= vertices)
-        throw InputError("the checkpoint's cells name a vertex that does not exist");
-    }
-    for (const std::int32_t n : checkpoint.face_neighbours[c]) {
-      if (n < Lattice::kNone || n >= static_cast<std::int64_t>(cells)) {
-        throw InputError("the checkpoint's cells name a neighbour that does not exist");
-      }
-    }
-    const Vector3& stretch = checkpoint.rest_stretch[c];
-    if (!isFinite(stretch) || stretch.minCoeff() <= 0.0) {
-      throw InputError("the checkpoint's rest stretch is not positive");
-    }
-  }
-}
-
 void checkClock(const Checkpoint& checkpoint) {
   const SimulationClock& clock = checkpoint.clock;
   const bool counts = clock.dt_s > 0.0 && clock.dt_s <= kMaxTimeStep_s && std::isfinite(clock.since_time_s) &&
                       clock.since_time_s >= 0.0 && clock.since_step <= checkpoint.state.step;
   if (!counts)
     throw InputError("the checkpoint's time or time step is out of range");
-}
-
-Lattice restoredLattice(const Lattice& current, const Checkpoint& checkpoint) {
-  Lattice lattice = current;
-  lattice.revision = checkpoint.revision;
-  lattice.cells = checkpoint.cells;
-  lattice.face_neighbours = checkpoint.face_neighbours;
-  lattice.cut_faces = checkpoint.cut_faces;
-  lattice.rest_stretch = checkpoint.rest_stretch;
-  lattice.origin_vertices = checkpoint.origin_vertices;
-  const std::size_t vertices = lattice.origin_vertices.size();
-  lattice.rest_positions.resize(vertices);
-  lattice.fixed.resize(vertices);
-  lattice.lattice_nodes.resize(vertices);
-  for (std::size_t v = 0; v < vertices; ++v) {
-    const std::uint32_t origin = lattice.origin_vertices[v];
-    lattice.rest_positions[v] = lattice.rest_positions[origin];
-    lattice.fixed[v] = lattice.fixed[origin];
-    lattice.lattice_nodes[v] = lattice.lattice_nodes[origin];
-  }
-  return lattice;
-}
-
-std::size_t pristineVertices(const Lattice& lattice) {
-  std::size_t count = 0;
-  while (count < lattice.vertexCount() && lattice.origin_vertices[count] == count)
-    ++count;
-  return count;
 }
 
 }  // namespace
@@ -129,6 +68,7 @@ Session::Session(const Scene& scene, std::shared_ptr<const Volume> volume, std::
       id_(id),
       volume_hash_(volume_->hash()),
       lattice_(buildLattice(*volume_, labels_.get(), scene_.materials, scene_.lattice)),
+      tissue_(lattice_, scene_.incision),
       simulation_(lattice_, scene_.materials, scene_.simulation, threads) {
   // A bag holds the numbers that automatic values came to, so that a replay cannot find others.
   scene_.simulation = simulation_.settings();
@@ -196,8 +136,8 @@ Verdict Session::apply(const ToolCutCommand& command) {
   const std::string problem = checkHeader(kCutTopic, command.header);
   if (!problem.empty())
     return {false, problem};
-  if ((command.quads.empty() && !command.lifted) || command.quads.size() > kMaxQuads)
-    return {false, "the number of quads is outside [1, 10000]"};
+  if (command.quads.size() > kMaxQuads || (command.quads.empty() && !command.lifted))
+    return {false, "the number of quads is outside [1, 10000], and the blade was not lifted"};
   if (!allFinite(command))
     return {false, "a point of the blade is not finite"};
   for (const SweptQuad& quad : command.quads) {
@@ -205,9 +145,15 @@ Verdict Session::apply(const ToolCutCommand& command) {
       return {false, "a point of the blade is far outside the lattice"};
     }
   }
-  const IncisionResult result = cutLattice(lattice_, scene_.materials, simulation_.positions(), simulation_.reach(),
-                                           command.quads, scene_.incision);
-  if (result.faces_opened > 0) {
+  const IncisionResult result =
+      tissue_.cut(lattice_, scene_.materials, simulation_.positions(), simulation_.reach(), command.header.tool_id,
+                  command.quads, command.lifted);
+  if (command.lifted) {
+    blade_resistances_n_.erase(command.header.tool_id);
+  } else if (result.travel_m > 0.0) {
+    blade_resistances_n_[command.header.tool_id] = result.energy_j / result.travel_m;
+  }
+  if (!result.changed_pieces.empty()) {
     simulation_.adoptTopology();
     simulation_.wake(result.rest_box_m);
   }
@@ -265,23 +211,28 @@ Verdict Session::apply(const Checkpoint& checkpoint) {
     return {false, "the checkpoint belongs to another scene"};
   if (checkpoint.volume_hash != volume_hash_)
     return {false, "the checkpoint belongs to another volume"};
+  if ((checkpoint.revision == 1) != checkpoint.incisions.cells.empty())
+    return {false, "the checkpoint's revision does not fit its incisions"};
   const Lattice before = lattice_;
   try {
-    checkLattice(checkpoint, lattice_, pristineVertices(lattice_));
     checkClock(checkpoint);
-    lattice_ = restoredLattice(lattice_, checkpoint);
+    lattice_ = buildLattice(*volume_, labels_.get(), scene_.materials, scene_.lattice);
+    CutTissue tissue(checkpoint.incisions, lattice_, scene_.incision);
+    lattice_.revision = checkpoint.revision;
     SimulationSettings settings = scene_.simulation;
     settings.integrator = checkpoint.integrator;
     settings.dt_s = checkpoint.clock.dt_s;
     Simulation restored(lattice_, scene_.materials, settings, simulation_.threads());
     restored.restore(checkpoint.state);
     simulation_ = std::move(restored);
+    tissue_ = std::move(tissue);
   } catch (const Error& error) {
     lattice_ = before;
     return {false, error.what()};
   }
   clock_ = checkpoint.clock;
   sequences_ = checkpoint.sequences;
+  blade_resistances_n_.clear();
   return {true, ""};
 }
 
@@ -295,18 +246,29 @@ GridPatch Session::patch(const std::string& tool_id, const Vector3& point_m, dou
   patch.revision = lattice_.revision;
   patch.step = steps();
   patch.tool_id = tool_id;
-  patch.cell_ids = simulation_.cellsNear(point_m, radius_m);
-  for (const std::uint32_t cell : patch.cell_ids) {
-    const Material& material = scene_.materials[lattice_.materials[cell]];
+  const auto resistance = blade_resistances_n_.find(tool_id);
+  patch.blade_resistance_n = resistance == blade_resistances_n_.end() ? 0.0 : resistance->second;
+  const CutMesh& mesh = tissue_.mesh();
+  const Embedding& embedding = tissue_.embedding();
+  for (const std::uint32_t cell : simulation_.cellsNear(point_m, radius_m)) {
+    for (const std::uint32_t piece : mesh.piecesOfCell(lattice_.firstCell(cell))) {
+      if (embedding.cellOf(piece) == cell)
+        patch.cell_ids.push_back(piece);
+    }
+  }
+  std::sort(patch.cell_ids.begin(), patch.cell_ids.end());
+  for (const std::uint32_t piece : patch.cell_ids) {
+    const Material& material = scene_.materials[lattice_.materials[mesh.pieces()[piece].cell]];
     patch.stiffness_pa.push_back(static_cast<float>(material.youngs_modulus_pa));
     patch.cut_resistance_j_m2.push_back(static_cast<float>(material.cut_resistance_j_m2));
-    patch.vertex_ids.insert(patch.vertex_ids.end(), lattice_.cells[cell].begin(), lattice_.cells[cell].end());
+    const std::vector<std::uint32_t> vertices = mesh.verticesOf(piece);
+    patch.vertex_ids.insert(patch.vertex_ids.end(), vertices.begin(), vertices.end());
   }
   std::sort(patch.vertex_ids.begin(), patch.vertex_ids.end());
   patch.vertex_ids.erase(std::unique(patch.vertex_ids.begin(), patch.vertex_ids.end()), patch.vertex_ids.end());
   for (const std::uint32_t v : patch.vertex_ids) {
-    patch.positions.push_back(simulation_.positions()[v].cast<float>());
-    patch.velocities.push_back(simulation_.velocities()[v].cast<float>());
+    patch.positions.push_back(embedding.place(mesh, lattice_, simulation_.positions(), v).cast<float>());
+    patch.velocities.push_back(embedding.place(mesh, lattice_, simulation_.velocities(), v).cast<float>());
   }
   return patch;
 }
@@ -317,11 +279,7 @@ Checkpoint Session::checkpoint() const {
   checkpoint.revision = lattice_.revision;
   checkpoint.scene_hash = scene_hash_;
   checkpoint.volume_hash = volume_hash_;
-  checkpoint.cells = lattice_.cells;
-  checkpoint.face_neighbours = lattice_.face_neighbours;
-  checkpoint.cut_faces = lattice_.cut_faces;
-  checkpoint.rest_stretch = lattice_.rest_stretch;
-  checkpoint.origin_vertices = lattice_.origin_vertices;
+  checkpoint.incisions = tissue_.state(lattice_);
   checkpoint.state = simulation_.state();
   checkpoint.integrator = simulation_.settings().integrator;
   checkpoint.clock = clock_;

@@ -7,7 +7,7 @@
 
 #include "incision/topology_cases.h"
 #include "soft_volume/grid/cell_shape.h"
-#include "soft_volume/incision/incision.h"
+#include "soft_volume/incision/cut_tissue.h"
 
 namespace soft_volume::core {
 namespace {
@@ -60,7 +60,9 @@ TEST(MeshTopology, OfALatticeWithHolesAndCutsOfItsOwnIsThatOfItsLattice) {
     materials[n] = Lattice::kNone;
   Lattice lattice = makeLattice({5, 4, 4}, Vector3::Constant(kH), Vector3::Zero(), materials);
   const SweptQuad quad = squareQuad(Vector3(2, 2, 2.1) * kH, Vector3(0.1, 0.2, 1.0), 1.5 * kH);
-  ASSERT_GT(cutLattice(lattice, oneMaterial(1e4), lattice.rest_positions, 0.0, {quad}, {}).vertices_added, 0U);
+  CutTissue(lattice, {IncisionMethod::kFaces, 1.0})
+      .cut(lattice, oneMaterial(1e4), std::vector<Vector3>(lattice.rest_positions), 0.0, "scalpel", {quad}, true);
+  ASSERT_EQ(lattice.revision, 2U);
   ASSERT_NO_FATAL_FAILURE(expectSame(makeTopology(CutMesh(lattice), lattice, volumeAround(kCells), 7),
                                      makeTopology(lattice, volumeAround(kCells), 7)));
 }

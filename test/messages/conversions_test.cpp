@@ -423,7 +423,7 @@ TEST(Conversions, CheckpointsContinueBitForBit) {
   ASSERT_TRUE(verdict.applied) << verdict.reason;
   EXPECT_EQ(continued->simulation().stateHash(), message.state_hash);
   SimulationCheckpoint again = toMessage(*continued, continued->checkpoint());
-  again.session = again.topology.session = kSession;
+  again.session = kSession;
   EXPECT_EQ(again, message);
   for (int n = 0; n < 40; ++n) {
     session->step();
@@ -442,10 +442,18 @@ TEST(Conversions, RefusesCheckpointsWithIncompleteRows) {
   refused([](SimulationCheckpoint& m) { m.grips[0].anchors.pop_back(); }, "anchors");
   refused([](SimulationCheckpoint& m) { m.integrator = "magic"; }, "magic");
   refused([](SimulationCheckpoint& m) { m.velocities.push_back(0.0); }, "velocities");
-  refused([](SimulationCheckpoint& m) { m.rest_stretch.pop_back(); }, "rest_stretch");
-  refused([](SimulationCheckpoint& m) { m.topology.connectivity.pop_back(); }, "connectivity");
-  refused([](SimulationCheckpoint& m) { m.topology.face_neighbours.pop_back(); }, "face_neighbours");
-  refused([](SimulationCheckpoint& m) { m.topology.cut_faces.pop_back(); }, "cut_faces");
+  refused([](SimulationCheckpoint& m) { m.incisions.rest_stretch.pop_back(); }, "rest_stretch");
+  refused([](SimulationCheckpoint& m) { m.incisions.cells.pop_back(); }, "cells");
+  refused([](SimulationCheckpoint& m) { m.incisions.surface_shares.pop_back(); }, "surface_shares");
+  refused([](SimulationCheckpoint& m) { m.incisions.face_neighbours.pop_back(); }, "face_neighbours");
+  refused([](SimulationCheckpoint& m) { m.incisions.cut_faces.pop_back(); }, "cut_faces");
+  refused([](SimulationCheckpoint& m) { m.incisions.vertex_ends.pop_back(); }, "vertex_ends");
+  refused([](SimulationCheckpoint& m) { m.incisions.vertex_shares.pop_back(); }, "vertex_shares");
+  refused([](SimulationCheckpoint& m) { m.incisions.face_offsets.pop_back(); }, "face_offsets");
+  refused([](SimulationCheckpoint& m) { m.incisions.face_offsets[5] = 1000000; }, "face_offsets");
+  refused([](SimulationCheckpoint& m) { m.incisions.face_pieces.pop_back(); }, "face_pieces");
+  refused([](SimulationCheckpoint& m) { m.incisions.face_opened.pop_back(); }, "face_opened");
+  refused([](SimulationCheckpoint& m) { m.incisions.piece_origins.pop_back(); }, "piece_origins");
   refused([](SimulationCheckpoint& m) { m.sequences.pop_back(); }, "sequence");
 }
 

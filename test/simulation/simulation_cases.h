@@ -9,8 +9,8 @@
 
 #include "lattice_blocks.h"
 #include "soft_volume/incision/blade_cut.h"
+#include "soft_volume/incision/cut_tissue.h"
 #include "soft_volume/incision/embedding.h"
-#include "soft_volume/incision/incision.h"
 #include "soft_volume/simulation/corner_width.h"
 #include "soft_volume/simulation/simulation.h"
 
@@ -32,9 +32,8 @@ inline Lattice cutAcross(Lattice lattice, const std::vector<Material>& materials
                          double z_to_m, double rest_fraction) {
   const SweptQuad quad = {Vector3(x_m, -1.0, z_from_m), Vector3(x_m, -1.0, z_to_m), Vector3(x_m, 1.0, z_to_m),
                           Vector3(x_m, 1.0, z_from_m)};
-  IncisionSettings settings;
-  settings.rest_fraction = rest_fraction;
-  cutLattice(lattice, materials, lattice.rest_positions, 0.0, {quad}, settings);
+  CutTissue(lattice, {IncisionMethod::kFaces, rest_fraction})
+      .cut(lattice, materials, std::vector<Vector3>(lattice.rest_positions), 0.0, "scalpel", {quad}, true);
   return lattice;
 }
 

@@ -858,9 +858,8 @@ TEST(Simulation, AfterACutTheLoosePartFallsFreely) {
   const SimulationState intact = simulation.state();
   const SweptQuad blade = {Vector3(2.9 * kH, -1, -1), Vector3(2.9 * kH, -1, 1), Vector3(2.9 * kH, 1, 1),
                            Vector3(2.9 * kH, 1, -1)};
-  IncisionSettings gentle;
-  gentle.rest_fraction = 1.0;
-  cutLattice(lattice, materials, simulation.positions(), simulation.reach(), {blade}, gentle);
+  CutTissue tissue(lattice, {IncisionMethod::kFaces, 1.0});
+  tissue.cut(lattice, materials, simulation.positions(), simulation.reach(), "scalpel", {blade}, true);
   ASSERT_EQ(lattice.vertexCount(), before + 16);
   simulation.adoptTopology();
   ASSERT_EQ(simulation.state().displacements_m.size(), lattice.vertexCount());
@@ -897,11 +896,15 @@ TEST(Simulation, ACutOpensAndAddsWhatIsNew) {
   const std::uint64_t before = simulation.stateHash();
   simulation.adoptTopology();  // nothing was cut
   EXPECT_EQ(simulation.stateHash(), before);
-  lattice = cutAcross(lattice, materials, 3.1 * kH, 2.1 * kH, 1.0, 0.75);
+  CutTissue tissue(lattice, {IncisionMethod::kFaces, 0.75});
+  const SweptQuad blade = {Vector3(3.1 * kH, -1, 2.1 * kH), Vector3(3.1 * kH, -1, 1), Vector3(3.1 * kH, 1, 1),
+                           Vector3(3.1 * kH, 1, 2.1 * kH)};
+  const IncisionResult cut =
+      tissue.cut(lattice, materials, simulation.positions(), simulation.reach(), "scalpel", {blade}, true);
   simulation.adoptTopology();
-  simulation.wake(Box3(Vector3(3, 0, 2) * kH, Vector3(3, 4, 4) * kH));
+  simulation.wake(cut.rest_box_m);
   run(simulation, 300);
-  EXPECT_GT(cutOpening(lattice, simulation.positions()), 0.1 * kH);
+  EXPECT_GT(tissue.opening(lattice, simulation.positions()), 0.1 * kH);
   EXPECT_GT(simulation.minWidth(), 0.0);
 }
 

@@ -45,6 +45,8 @@ struct Lattice {
   std::vector<std::int32_t> cell_at;  ///< per lattice cell: the first cell there or kNone
 
   std::size_t cellCount() const { return cells.size(); }
+  /// The cell at the same place that the lattice was built with.
+  std::uint32_t firstCell(std::uint32_t cell) const { return static_cast<std::uint32_t>(cell_at[parent_cells[cell]]); }
   std::size_t vertexCount() const { return rest_positions.size(); }
   std::size_t latticeCell(int i, int j, int k) const {
     return std::size_t(i) + std::size_t(dims.x()) * (std::size_t(j) + std::size_t(dims.y()) * std::size_t(k));

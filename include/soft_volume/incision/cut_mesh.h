@@ -44,6 +44,10 @@ class CutMesh {
 
   /// The cells of a lattice as they are, one piece each: piece c is cell c, its vertices are the lattice's.
   explicit CutMesh(const Lattice& lattice);
+  /// The same cut as before: `sources` of the vertices that follow the lattice's, all faces, and all pieces, whose
+  /// `faces` are not looked at. Throws InputError unless every piece is a closed polyhedron whose cell and origin exist.
+  CutMesh(const Lattice& lattice, const std::vector<Source>& sources, std::vector<Face> faces,
+          std::vector<Piece> pieces);
 
   std::size_t vertexCount() const { return rest_positions_.size(); }
   const std::vector<Vector3>& restPositions() const { return rest_positions_; }
@@ -68,6 +72,9 @@ class CutMesh {
   /// Part of every piece that hangs together through faces, numbered by its lowest piece; takes a pass over the mesh.
   std::vector<std::uint32_t> islands() const;
 
+  /// The pieces whose faces, vertices or neighbours have changed since the last call, increasing.
+  std::vector<std::uint32_t> takeChangedPieces();
+
   // The edits. Arguments have to fit the mesh (asserted).
 
   /// Puts a vertex on the edge ab, at a + share (b - a), into all loops that have the edge.
@@ -87,6 +94,9 @@ class CutMesh {
  private:
   std::uint32_t addVertex(const Vector3& rest_m, const Source& source);
   void addPiece(const Lattice& lattice, std::uint32_t cell);
+  void takePiece(std::uint32_t number);
+  void takeFace(std::uint32_t number);
+  void requireClosed(std::uint32_t piece) const;
   std::vector<std::uint32_t> groupsAround(std::uint32_t vertex) const;
   void replaceVertex(std::uint32_t piece, std::uint32_t from, std::uint32_t to);
 
@@ -97,6 +107,7 @@ class CutMesh {
   std::vector<std::vector<std::uint32_t>> pieces_of_cell_;
   std::vector<std::uint32_t> no_pieces_;
   std::vector<std::vector<std::uint32_t>> pieces_around_;  // per vertex, increasing
+  std::vector<std::uint32_t> changed_pieces_;
 };
 
 }  // namespace soft_volume::core

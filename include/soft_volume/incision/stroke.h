@@ -2,6 +2,7 @@
 
 #include <array>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "soft_volume/incision/blade_cut.h"
@@ -23,7 +24,22 @@ class Stroke {
     double least_width_m;
     double tolerance_m;
   };
+  /// A place of the blade's edge.
+  struct Edge {
+    Vector3 tip = Vector3::Zero();
+    Vector3 heel = Vector3::Zero();
+    bool operator==(const Edge& other) const { return tip == other.tip && heel == other.heel; }
+  };
+  /// All that a stroke under way remembers, as a saved state holds it.
+  struct State {
+    std::vector<Edge> edges;  ///< since the last quad ended; the first is where it did, or where the stroke begins
+    Edge blade;               ///< where the last sweep ended
+    bool has_joint = false;   ///< a quad of this stroke has ended
+    Lips lips;
+  };
   explicit Stroke(const Settings& settings) : settings_(settings) {}
+  Stroke(const Settings& settings, State state) : settings_(settings), state_(std::move(state)) {}
+  const State& state() const { return state_; }
 
   /// Takes a sweep and appends the quads that became complete. A sweep that does not start with the edge where the last
   /// one ended begins a new stroke.
@@ -31,7 +47,7 @@ class Stroke {
   /// Ends the stroke and appends what is left.
   void end(std::vector<SweptQuad>& quads);
   /// To be given to cutMesh() with the quads, all of them, in order.
-  Lips& lips() { return lips_; }
+  Lips& lips() { return state_.lips; }
 
   /// Tip and heel of the blade where the last quad of this stroke ended; nothing before its first and after its end.
   std::optional<std::array<Vector3, 2>> joint() const;
@@ -40,19 +56,11 @@ class Stroke {
   void moveJoint(const std::array<Vector3, 2>& edge_m);
 
  private:
-  struct Edge {
-    Vector3 tip;
-    Vector3 heel;
-    bool operator==(const Edge& other) const { return tip == other.tip && heel == other.heel; }
-  };
   bool leaves(const Edge& next) const;
   void emit(std::vector<SweptQuad>& quads);
 
   Settings settings_;
-  std::vector<Edge> edges_;  // since the last quad ended; the first is where it did
-  Edge blade_;               // where the last sweep ended
-  bool has_joint_ = false;
-  Lips lips_;
+  State state_;
 };
 
 }  // namespace soft_volume::core

@@ -6,6 +6,7 @@
 #include <soft_volume/GridPatch.h>
 #include <soft_volume/GridState.h>
 #include <soft_volume/GridTopology.h>
+#include <soft_volume/IncisionState.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationCheckpoint.h>
 #include <soft_volume/SimulationControl.h>
@@ -78,6 +79,9 @@ core::ToolCutCommand fromMessage(const ToolCut& message);
 
 ToolGrip toMessage(const core::ToolGripCommand& command);
 core::ToolGripCommand fromMessage(const ToolGrip& message);
+
+IncisionState toMessage(const core::IncisionState& state);
+core::IncisionState fromMessage(const IncisionState& message);
 
 core::IntegratorCommand fromMessage(const SimulationControl& message);
 

@@ -9,6 +9,8 @@
 
 #include "soft_volume/grid/lattice.h"
 #include "soft_volume/grid/patch.h"
+#include "soft_volume/incision/cut_tissue.h"
+#include "soft_volume/incision/mesh_topology.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/simulation/simulation.h"
 #include "soft_volume/tool/tool_command.h"
@@ -43,12 +45,7 @@ struct Checkpoint {
   std::uint32_t revision = 0;
   std::uint64_t scene_hash = 0;
   std::uint64_t volume_hash = 0;
-  // The lattice, as far as incisions change it; per cell, and per vertex the one that it was replicated from.
-  std::vector<std::array<std::uint32_t, 8>> cells;
-  std::vector<std::array<std::int32_t, 6>> face_neighbours;
-  std::vector<std::array<std::uint8_t, 6>> cut_faces;
-  std::vector<Vector3> rest_stretch;
-  std::vector<std::uint32_t> origin_vertices;
+  IncisionState incisions;
   SimulationState state;
   Integrator integrator = Integrator::kSymplecticEuler;
   SimulationClock clock;
@@ -72,7 +69,8 @@ class Session {
   /// tool that the scene does not have, a value that is not finite or out of range, a footprint without tissue, a step
   /// that has passed.
   Verdict apply(const ToolForceCommand& command);
-  /// Refused for the same reasons. A cut that meets no tissue is applied and changes nothing.
+  /// Refused for the same reasons, and without quads unless the blade was lifted. A cut that meets no tissue is applied
+  /// and changes nothing.
   Verdict apply(const ToolCutCommand& command);
   /// Closes the tool's jaws at the first message, moves them at those that follow, and opens them. Refused for the same
   /// reasons.
@@ -99,11 +97,15 @@ class Session {
   std::uint64_t sceneHash() const { return scene_hash_; }
   std::uint64_t volumeHash() const { return volume_hash_; }
 
-  Topology topology() const { return makeTopology(lattice_, volume_->geometry(), id_); }
-  /// The cells with a vertex within `radius_m` of a point; empty when there are none.
+  /// What receivers see: the pieces that incisions made of the cells, numbered as those of the cut mesh.
+  Topology topology() const { return makeTopology(tissue_.mesh(), lattice_, volume_->geometry(), id_); }
+  const CutTissue& tissue() const { return tissue_; }
+  /// Deformed positions of the topology's vertices, volume frame, metres.
+  std::vector<Vector3> drawnPositions() const { return tissue_.atMesh(lattice_, simulation_.positions()); }
+  /// The pieces of cells with a vertex within `radius_m` of a point; empty when there are none.
   GridPatch patch(const std::string& tool_id, const Vector3& point_m, double radius_m) const;
   Checkpoint checkpoint() const;
-  double cutOpening() const { return core::cutOpening(lattice_, simulation_.positions()); }
+  double cutOpening() const { return tissue_.opening(lattice_, simulation_.positions()); }
   /// Largest stable time step of the explicit integrators, seconds; infinite when nothing can move.
   double timeStepLimit() const { return simulation_.stabilityLimit(); }
 
@@ -120,10 +122,12 @@ class Session {
   std::uint64_t id_;
   std::uint64_t volume_hash_;
   Lattice lattice_;
+  CutTissue tissue_;
   Simulation simulation_;
   SimulationClock clock_;
   std::uint64_t scene_hash_;  ///< of the scene with its time step resolved
   std::map<std::string, std::uint64_t> sequences_;
+  std::map<std::string, double> blade_resistances_n_;  // of the strokes under way, by tool
 };
 
 }  // namespace soft_volume::core
