@@ -164,16 +164,17 @@ void CutMesh::takeFace(std::uint32_t number) {
               std::adjacent_find(vertices.begin(), vertices.end()) == vertices.end(),
           "a face has fewer than three vertices, one twice, or one that does not exist");
   const auto exists = [this](std::int32_t p) { return p >= 0 && static_cast<std::size_t>(p) < pieces_.size(); };
-  require(exists(face.pieces[0]) && face.pieces[0] != face.pieces[1] &&
-              (face.pieces[1] == kNone || exists(face.pieces[1])),
-          "a face has no piece");
+  require(
+      exists(face.pieces[0]) && face.pieces[0] != face.pieces[1] && (face.pieces[1] == kNone || exists(face.pieces[1])),
+      "a face has no piece");
   for (const std::int32_t piece : face.pieces) {
     if (piece != kNone)
       pieces_[static_cast<std::size_t>(piece)].faces.push_back(number);
   }
 }
 
-/// Throws InputError unless each edge of a piece belongs to two of its faces, which run along it in opposite directions.
+/// Throws InputError unless each edge of a piece belongs to two of its faces, which run along it in opposite
+/// directions.
 void CutMesh::requireClosed(std::uint32_t piece) const {
   std::vector<std::array<std::uint32_t, 2>> edges;
   for (const Numbers& loop : loopsOf(piece)) {

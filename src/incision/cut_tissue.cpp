@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "soft_volume/incision/face_cut.h"
-#include "soft_volume/incision/piece_shape.h"
 
 namespace soft_volume::core {
 namespace {
@@ -41,7 +40,7 @@ double travelOf(const std::vector<SweptQuad>& quads) {
 }
 
 IncisionResult resultOf(const BladeCutResult& cut, const std::vector<SweptQuad>& quads) {
-  return {cut.faces_opened, cut.rest_box_m, cut.opened_energy_j, travelOf(quads), {}};
+  return {cut.faces_opened, cut.rest_box_m, cut.opened_energy_j, travelOf(quads), {}, {}};
 }
 
 /// The cells whose pieces may be in a box, which no vertex is farther from at rest than `reach_m`.
@@ -100,8 +99,8 @@ TissuePlace CutTissue::placeNear(const Lattice& lattice, const Vector3& p, doubl
 }
 
 IncisionResult CutTissue::cutPieces(const Lattice& lattice, const std::vector<Material>& materials,
-                                    const std::vector<Vector3>& positions_m, double reach_m,
-                                    const std::string& tool_id, const std::vector<SweptQuad>& sweeps, bool lifted) {
+                                    const std::vector<Vector3>& positions_m, double reach_m, const std::string& tool_id,
+                                    const std::vector<SweptQuad>& sweeps, bool lifted) {
   TissueStroke& under_way = strokes_[tool_id];
   Stroke stroke(stroke_settings_, std::move(under_way.stroke));
   if (stroke.joint()) {
@@ -136,19 +135,6 @@ IncisionResult CutTissue::cutPieces(const Lattice& lattice, const std::vector<Ma
   return result;
 }
 
-/// Along the axes of the cells behind opened faces, as far as the faces are upright on them.
-void CutTissue::shortenAcross(Lattice& lattice, const std::vector<std::uint32_t>& pieces) const {
-  for (const std::uint32_t piece : pieces) {
-    for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
-      if (!mesh_.faces()[f].opened)
-        continue;
-      const Vector3 normal = areaVector(mesh_.restPositions(), mesh_.faces()[f].loop).normalized();
-      Vector3& stretch = lattice.rest_stretch[embedding_.cellOf(piece)];
-      stretch = stretch.cwiseMin(Vector3::Ones() - (1.0 - settings_.rest_fraction) * normal.cwiseAbs2());
-    }
-  }
-}
-
 IncisionResult CutTissue::cut(Lattice& lattice, const std::vector<Material>& materials,
                               const std::vector<Vector3>& positions_m, double reach_m, const std::string& tool_id,
                               const std::vector<SweptQuad>& quads, bool lifted) {
@@ -162,7 +148,8 @@ IncisionResult CutTissue::cut(Lattice& lattice, const std::vector<Material>& mat
   result.changed_pieces = mesh_.takeChangedPieces();
   if (!result.changed_pieces.empty()) {
     embedding_.update(mesh_, lattice);
-    shortenAcross(lattice, result.changed_pieces);
+    result.lips = lips(lattice, materials);
+    shortenAcrossLips(lattice, result.lips, settings_.rest_fraction);
   }
   return result;
 }
@@ -170,7 +157,7 @@ IncisionResult CutTissue::cut(Lattice& lattice, const std::vector<Material>& mat
 std::vector<Vector3> CutTissue::atMesh(const Lattice& lattice, const std::vector<Vector3>& values) const {
   std::vector<Vector3> at_mesh(mesh_.vertexCount());
   if (lattice.revision == 1)  // the same vertices
-   
+
     return values;
   for (std::uint32_t v = 0; v < at_mesh.size(); ++v)
     at_mesh[v] = embedding_.place(mesh_, lattice, values, v);

@@ -61,10 +61,10 @@ void checkCorners(const Lattice& lattice, std::uint32_t cell) {
   for (std::size_t c = 0; c < 8; ++c) {
     const int* corner = kHexahedronCorners[c];
     const std::uint32_t v = lattice.cells[cell][c];
-    require(v < lattice.vertexCount() && lattice.lattice_nodes[v] == lattice.latticeNode(at.x() + corner[0],
-                                                                                         at.y() + corner[1],
-                                                                                         at.z() + corner[2]),
-            "a cell has a vertex that is not at its corner");
+    require(
+        v < lattice.vertexCount() &&
+            lattice.lattice_nodes[v] == lattice.latticeNode(at.x() + corner[0], at.y() + corner[1], at.z() + corner[2]),
+        "a cell has a vertex that is not at its corner");
   }
 }
 
@@ -87,8 +87,8 @@ void checkNumbers(const Lattice& lattice, std::uint32_t cell) {
   require(isFinite(stretch) && stretch.minCoeff() > 0.0 && stretch.maxCoeff() <= 1.0,
           "a rest stretch is not within (0, 1]");
   const auto is_share = [](double share) { return share >= 0.0 && share <= 1.0 + kShareTolerance; };
-  require(is_share(lattice.shares[cell]) && std::all_of(lattice.surface_shares[cell].begin(),
-                                                        lattice.surface_shares[cell].end(), is_share),
+  require(is_share(lattice.shares[cell]) &&
+              std::all_of(lattice.surface_shares[cell].begin(), lattice.surface_shares[cell].end(), is_share),
           "a share is not within [0, 1]");
 }
 
@@ -126,7 +126,8 @@ void checkStroke(const TissueStroke& stroke, const CutMesh& mesh) {
           "a stroke ended at no place of the tissue");
   const Stroke::State& state = stroke.stroke;
   require(std::all_of(state.edges.begin(), state.edges.end(), isEdge) && isEdge(state.blade) &&
-              isEdge({state.lips.edge_m[0], state.lips.edge_m[1]}) && (!state.has_joint || !state.edges.empty()),
+              isEdge({state.lips.edge_m[0], state.lips.edge_m[1]}) && isFinite(state.lips.normal) &&
+              state.lips.pieces_seen <= mesh.pieces().size() && (!state.has_joint || !state.edges.empty()),
           "a stroke's edge is not finite");
   for (const auto& [piece, side] : state.lips.side_of_piece)
     require(piece < mesh.pieces().size() && (side == -1 || side == 1), "a lip has no piece");

@@ -40,6 +40,8 @@ StrokeState toMessage(const std::string& tool_id, const core::TissueStroke& stro
     message.lip_pieces.push_back(piece);
     message.lip_sides.push_back(static_cast<std::int8_t>(side));
   }
+  message.lips_normal = toVector(stroke.stroke.lips.normal);
+  message.lips_pieces_seen = stroke.stroke.lips.pieces_seen;
   message.joint_offsets = toPoints(stroke.joint[0].offset_m, stroke.joint[1].offset_m);
   for (std::size_t end = 0; end < 2; ++end) {
     const core::TissuePlace& place = stroke.joint[end];
@@ -59,10 +61,10 @@ std::array<core::TissuePlace, 2> jointOf(const StrokeState& message) {
   const auto& vertices = message.joint_vertices;
   const auto& weights = message.joint_weights;
   const std::array<core::Vector3, 2> offsets = fromPoints(message.joint_offsets);
-  return {core::TissuePlace{offsets[0], {vertices.begin(), vertices.begin() + split},
-                            {weights.begin(), weights.begin() + split}},
-          core::TissuePlace{offsets[1], {vertices.begin() + split, vertices.end()},
-                            {weights.begin() + split, weights.end()}}};
+  return {core::TissuePlace{
+              offsets[0], {vertices.begin(), vertices.begin() + split}, {weights.begin(), weights.begin() + split}},
+          core::TissuePlace{
+              offsets[1], {vertices.begin() + split, vertices.end()}, {weights.begin() + split, weights.end()}}};
 }
 
 core::TissueStroke fromMessage(const StrokeState& message) {
@@ -73,6 +75,8 @@ core::TissueStroke fromMessage(const StrokeState& message) {
   stroke.stroke.blade = toEdge(fromPoints(message.blade));
   stroke.stroke.has_joint = message.has_joint != 0;
   stroke.stroke.lips.edge_m = fromPoints(message.lips_edge);
+  stroke.stroke.lips.normal = fromVector(message.lips_normal);
+  stroke.stroke.lips.pieces_seen = message.lips_pieces_seen;
   require(message.lip_pieces.size() == message.lip_sides.size(), "lip_pieces and lip_sides do not fit");
   for (std::size_t n = 0; n < message.lip_pieces.size(); ++n)
     stroke.stroke.lips.side_of_piece[message.lip_pieces[n]] = message.lip_sides[n];

@@ -145,9 +145,8 @@ Verdict Session::apply(const ToolCutCommand& command) {
       return {false, "a point of the blade is far outside the lattice"};
     }
   }
-  const IncisionResult result =
-      tissue_.cut(lattice_, scene_.materials, simulation_.positions(), simulation_.reach(), command.header.tool_id,
-                  command.quads, command.lifted);
+  IncisionResult result = tissue_.cut(lattice_, scene_.materials, simulation_.positions(), simulation_.reach(),
+                                      command.header.tool_id, command.quads, command.lifted);
   if (command.lifted) {
     blade_resistances_n_.erase(command.header.tool_id);
   } else if (result.travel_m > 0.0) {
@@ -155,6 +154,7 @@ Verdict Session::apply(const ToolCutCommand& command) {
   }
   if (!result.changed_pieces.empty()) {
     simulation_.adoptTopology();
+    simulation_.setLips(std::move(result.lips));
     simulation_.wake(result.rest_box_m);
   }
   accept(kCutTopic, command.header);
@@ -224,6 +224,7 @@ Verdict Session::apply(const Checkpoint& checkpoint) {
     settings.dt_s = checkpoint.clock.dt_s;
     Simulation restored(lattice_, scene_.materials, settings, simulation_.threads());
     restored.restore(checkpoint.state);
+    restored.setLips(tissue.lips(lattice_, scene_.materials));
     simulation_ = std::move(restored);
     tissue_ = std::move(tissue);
   } catch (const Error& error) {

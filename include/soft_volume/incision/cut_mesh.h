@@ -45,7 +45,8 @@ class CutMesh {
   /// The cells of a lattice as they are, one piece each: piece c is cell c, its vertices are the lattice's.
   explicit CutMesh(const Lattice& lattice);
   /// The same cut as before: `sources` of the vertices that follow the lattice's, all faces, and all pieces, whose
-  /// `faces` are not looked at. Throws InputError unless every piece is a closed polyhedron whose cell and origin exist.
+  /// `faces` are not looked at. Throws InputError unless every piece is a closed polyhedron whose cell and origin
+  /// exist.
   CutMesh(const Lattice& lattice, const std::vector<Source>& sources, std::vector<Face> faces,
           std::vector<Piece> pieces);
 

@@ -11,6 +11,7 @@
 #include "soft_volume/incision/cut_mesh.h"
 #include "soft_volume/incision/embedding.h"
 #include "soft_volume/incision/incision.h"
+#include "soft_volume/incision/lip_contacts.h"
 #include "soft_volume/incision/stroke.h"
 #include "soft_volume/material/material.h"
 #include "soft_volume/tool/tool_command.h"
@@ -55,6 +56,7 @@ struct IncisionResult {
   double energy_j = 0.0;  ///< that opening them takes, from the materials' resistance
   double travel_m = 0.0;  ///< of the middle of the blade's edge, in what it cut here
   std::vector<std::uint32_t> changed_pieces;  ///< whose faces, vertices or neighbours changed, increasing
+  std::vector<LipContact> lips;               ///< all of the tissue; only where pieces changed
 };
 
 /// The tissue of a lattice that blades cut: its mesh, what carries it, and the strokes under way. Not thread-safe.
@@ -76,6 +78,11 @@ class CutTissue {
   IncisionResult cut(Lattice& lattice, const std::vector<Material>& materials, const std::vector<Vector3>& positions_m,
                      double reach_m, const std::string& tool_id, const std::vector<SweptQuad>& quads, bool lifted);
 
+  /// Where opposite lips may touch, for Simulation::setLips().
+  std::vector<LipContact> lips(const Lattice& lattice, const std::vector<Material>& materials) const {
+    return findLipContacts(mesh_, embedding_, lattice, materials, settings_);
+  }
+
   const CutMesh& mesh() const { return mesh_; }
   const Embedding& embedding() const { return embedding_; }
 
@@ -93,7 +100,6 @@ class CutTissue {
   IncisionResult cutPieces(const Lattice& lattice, const std::vector<Material>& materials,
                            const std::vector<Vector3>& positions_m, double reach_m, const std::string& tool_id,
                            const std::vector<SweptQuad>& quads, bool lifted);
-  void shortenAcross(Lattice& lattice, const std::vector<std::uint32_t>& pieces) const;
 
   IncisionSettings settings_;
   Stroke::Settings stroke_settings_;
