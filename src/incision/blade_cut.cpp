@@ -20,9 +20,8 @@ constexpr double kNarrowPatch = 3.0;
 constexpr double kBorder = 1.5;
 /// How far vertices are snapped where a part would be too small otherwise, in snap distances.
 constexpr double kFarthestSnap = 4.0;
-/// How far behind the edge where a patch goes on pieces may be that no patch before took to be its own, in snap
-/// distances.
-constexpr double kJoint = 2.0;
+/// How far behind the edge where a patch continues the one before it pieces are looked at again, in snap distances.
+constexpr double kJoint = 20.0;
 /// Flatness of a section, in h: volumes are exact to about this.
 constexpr double kFlatSection = 1e-11;
 
@@ -270,8 +269,16 @@ class PatchCut {
         continue;
       const std::vector<Vector3> section = sectionOf(piece);
       if (!section.empty() && covers(centroidOf(section, patch_.plane.normal), 0.0))
-        split(piece, blade_);
+        splitBySide(piece);
     }
+  }
+
+  /// Whatever side a piece was on, its parts are on either.
+  void splitBySide(std::uint32_t piece) {
+    if (!split(piece, blade_))
+      return;
+    sides_.erase(piece);
+    sides_.erase(pieces_.back());
   }
 
   Vector3 middleOf(const std::vector<std::uint32_t>& vertices) const {
@@ -302,16 +309,23 @@ class PatchCut {
            });
   }
 
-  /// Whether a place is over or under the patch, or in the gap between it and what is over or under the patch before.
-  bool isBeside(const Vector3& place) const {
-    double behind_m = std::max(0.0, -patch_.sides[0].distance(place));
-    if (lips_.normal != Vector3::Zero()) {
-      const Vector3 edge = patch_.corners[1] - patch_.corners[0];
-      const double beyond_last_m = lips_.normal.cross(edge.normalized()).dot(place - patch_.corners[0]);
-      behind_m = std::min(behind_m, std::max(0.0, -beyond_last_m)) - kJoint * snap_m_;
-    }
-    return behind_m <= 0.0 && std::all_of(patch_.sides.begin() + 1, patch_.sides.end(),
-                                          [&](const Plane& side) { return side.distance(place) >= 0.0; });
+  /// Side of a piece whose middle is over or under the patch, in the gap between it and the patch before, or over or
+  /// under the end of that: a border may have parted it there since. 0 elsewhere.
+  int sideBeside(std::uint32_t piece) const {
+    const Vector3 middle = middleOf(mesh_.verticesOf(piece));
+    if (std::any_of(patch_.sides.begin() + 1, patch_.sides.end(),
+                    [&](const Plane& side) { return side.distance(middle) < 0.0; }))
+      return 0;
+    if (patch_.sides[0].distance(middle) >= 0.0)
+      return sideOf(piece);
+    if (lips_.normal == Vector3::Zero())
+      return 0;
+    const Vector3 from_edge = middle - patch_.corners[0];
+    const Vector3 edge = (patch_.corners[1] - patch_.corners[0]).normalized();
+    const double beyond_last_m = lips_.normal.cross(edge).dot(from_edge);
+    if (beyond_last_m >= 0.0)
+      return sideOf(piece);
+    return beyond_last_m < -kJoint * snap_m_ ? 0 : lips_.normal.dot(from_edge) < 0.0 ? -1 : 1;
   }
 
   /// Gives sides to the pieces at the patch. What two patches of a stroke are beside keeps the side of the first.
@@ -338,11 +352,13 @@ class PatchCut {
     }
     for (const auto& [piece, side] : along) {
       if (isCuttable(piece))
-        sides_[piece] = side;
+        sides_.insert({piece, side});
     }
     for (const std::uint32_t piece : near) {
-      if (sides_.count(piece) == 0 && isCuttable(piece) && isBeside(middleOf(mesh_.verticesOf(piece))))
-        sides_[piece] = sideOf(piece);
+      if (sides_.count(piece) > 0 || !isCuttable(piece))
+        continue;
+      if (const int side = sideBeside(piece); side != 0)
+        sides_[piece] = side;
     }
   }
 
