@@ -20,8 +20,8 @@ constexpr double kNarrowPatch = 3.0;
 constexpr double kBorder = 1.5;
 /// How far vertices are snapped where a part would be too small otherwise, in snap distances.
 constexpr double kFarthestSnap = 4.0;
-/// How far behind the edge where a patch continues the one before it pieces are looked at again, in snap distances.
-constexpr double kJoint = 20.0;
+/// How far from the edge where a patch continues the one before it pieces are looked at again, in snap distances.
+constexpr double kJoint = 25.0;
 /// Flatness of a section, in h: volumes are exact to about this.
 constexpr double kFlatSection = 1e-11;
 
@@ -309,6 +309,11 @@ class PatchCut {
            });
   }
 
+  bool isAtJoint(std::uint32_t piece) const {
+    const Vector3 edge = (patch_.corners[1] - patch_.corners[0]).normalized();
+    return edge.cross(middleOf(mesh_.verticesOf(piece)) - patch_.corners[0]).norm() < kJoint * snap_m_;
+  }
+
   /// Side of a piece whose middle is over or under the patch, in the gap between it and the patch before, or over or
   /// under the end of that: a border may have parted it there since. 0 elsewhere.
   int sideBeside(std::uint32_t piece) const {
@@ -328,36 +333,47 @@ class PatchCut {
     return beyond_last_m < -kJoint * snap_m_ ? 0 : lips_.normal.dot(from_edge) < 0.0 ? -1 : 1;
   }
 
-  /// Gives sides to the pieces at the patch. What two patches of a stroke are beside keeps the side of the first.
-  void takeSides() {
-    std::set<std::uint32_t> near;
-    const auto addWithNeighbours = [&](std::uint32_t piece) {
-      near.insert(piece);
-      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
-        if (const std::int32_t other = mesh_.across(f, piece); other != CutMesh::kNone)
-          near.insert(static_cast<std::uint32_t>(other));
-      }
-    };
-    for (const auto& lip : sides_)
-      addWithNeighbours(lip.first);
-    std::map<std::uint32_t, int> along;
+  std::vector<std::uint32_t> neighboursOf(std::uint32_t piece) const {
+    std::vector<std::uint32_t> neighbours;
+    for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+      if (const std::int32_t other = mesh_.across(f, piece); other != CutMesh::kNone)
+        neighbours.push_back(static_cast<std::uint32_t>(other));
+    }
+    return neighbours;
+  }
+
+  /// What the patch may pass by: what touches its plane, what is at the lips that it goes on from, and their
+  /// neighbours.
+  std::set<std::uint32_t> piecesBeside() const {
+    std::set<std::uint32_t> beside;
     for (const std::uint32_t piece : pieces_) {
       if (!touchesBlade(piece))
         continue;
-      addWithNeighbours(piece);
-      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
-        if (isAlong(mesh_.faces()[f]))
-          along[piece] = sideOf(piece);
+      beside.insert(piece);
+      for (const std::uint32_t other : neighboursOf(piece))
+        beside.insert(other);
+    }
+    for (const auto& lip : sides_) {
+      for (const std::uint32_t other : neighboursOf(lip.first)) {
+        if (isAtJoint(other))
+          beside.insert(other);
       }
     }
-    for (const auto& [piece, side] : along) {
-      if (isCuttable(piece))
-        sides_.insert({piece, side});
-    }
-    for (const std::uint32_t piece : near) {
+    return beside;
+  }
+
+  bool isAlongPatch(std::uint32_t piece) const {
+    const auto& faces = mesh_.pieces()[piece].faces;
+    return std::any_of(faces.begin(), faces.end(), [this](std::uint32_t f) { return isAlong(mesh_.faces()[f]); });
+  }
+
+  /// Gives sides to the pieces at the patch. What two patches of a stroke are beside keeps the side of the first.
+  void takeSides() {
+    for (const std::uint32_t piece : piecesBeside()) {
       if (sides_.count(piece) > 0 || !isCuttable(piece))
         continue;
-      if (const int side = sideBeside(piece); side != 0)
+      const int side = isAlongPatch(piece) ? sideOf(piece) : sideBeside(piece);
+      if (side != 0)
         sides_[piece] = side;
     }
   }
