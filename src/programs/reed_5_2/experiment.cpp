@@ -120,7 +120,7 @@ class Painter {
       forgetful_.setTopology(topology);
     }
     positions_.clear();
-    for (const Vector3& p : session_.simulation().positions())
+    for (const Vector3& p : session_.drawnPositions())
       positions_.push_back(p.cast<float>());
   }
 
