@@ -84,10 +84,10 @@ class PatchCut {
   void run() {
     if (lips_.normal.dot(patch_.plane.normal) <= 0.0)
       startAnew();
+    forgetFarLips();
     splitAtBorder();
     splitByBlade();
     openFaces();
-    dropFarLips();
     lips_.normal = patch_.plane.normal;
   }
 
@@ -109,6 +109,16 @@ class PatchCut {
   void startAnew() {
     lips_.normal.setZero();
     sides_.clear();
+  }
+
+  /// A patch starts where the last one ended, so its joints are near both.
+  void forgetFarLips() {
+    std::map<std::uint32_t, int> near;
+    for (const std::uint32_t piece : pieces_) {
+      if (const auto lip = sides_.find(piece); lip != sides_.end())
+        near.insert(*lip);
+    }
+    sides_ = std::move(near);
   }
 
   bool isCuttable(std::uint32_t piece) const {
@@ -302,11 +312,16 @@ class PatchCut {
   }
 
   bool touchesBlade(std::uint32_t piece) const {
-    const auto& faces = mesh_.pieces()[piece].faces;
-    const auto touches = [this](std::uint32_t v) { return blade_.sign(v) == 0; };
-    return sidesOf(piece).straddles() || std::any_of(faces.begin(), faces.end(), [&](std::uint32_t f) {
-             return std::any_of(mesh_.faces()[f].loop.begin(), mesh_.faces()[f].loop.end(), touches);
-           });
+    int first = 0;
+    for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+      for (const std::uint32_t v : mesh_.faces()[f].loop) {
+        const int sign = blade_.sign(v);
+        if (sign == 0 || sign == -first)
+          return true;
+        first = sign;
+      }
+    }
+    return false;
   }
 
   bool isAtJoint(std::uint32_t piece) const {
@@ -333,32 +348,26 @@ class PatchCut {
     return beyond_last_m < -kJoint * snap_m_ ? 0 : lips_.normal.dot(from_edge) < 0.0 ? -1 : 1;
   }
 
-  std::vector<std::uint32_t> neighboursOf(std::uint32_t piece) const {
-    std::vector<std::uint32_t> neighbours;
-    for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
-      if (const std::int32_t other = mesh_.across(f, piece); other != CutMesh::kNone)
-        neighbours.push_back(static_cast<std::uint32_t>(other));
-    }
-    return neighbours;
-  }
-
   /// What the patch may pass by: what touches its plane, what is at the lips that it goes on from, and their
   /// neighbours.
-  std::set<std::uint32_t> piecesBeside() const {
-    std::set<std::uint32_t> beside;
-    for (const std::uint32_t piece : pieces_) {
-      if (!touchesBlade(piece))
+  std::vector<std::uint32_t> piecesBeside() const {
+    std::vector<std::uint32_t> near = pieces_;
+    std::sort(near.begin(), near.end());
+    std::vector<std::uint32_t> beside;
+    for (const std::uint32_t piece : near) {
+      const bool touches = touchesBlade(piece);
+      if (touches)
+        beside.push_back(piece);
+      if (!touches && sides_.count(piece) == 0)
         continue;
-      beside.insert(piece);
-      for (const std::uint32_t other : neighboursOf(piece))
-        beside.insert(other);
-    }
-    for (const auto& lip : sides_) {
-      for (const std::uint32_t other : neighboursOf(lip.first)) {
-        if (isAtJoint(other))
-          beside.insert(other);
+      for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
+        const auto other = static_cast<std::uint32_t>(mesh_.across(f, piece));
+        if (std::binary_search(near.begin(), near.end(), other) && (touches || isAtJoint(other)))
+          beside.push_back(other);
       }
     }
+    std::sort(beside.begin(), beside.end());
+    beside.erase(std::unique(beside.begin(), beside.end()), beside.end());
     return beside;
   }
 
@@ -461,16 +470,6 @@ class PatchCut {
       to_open.erase(f);
     for (const std::uint32_t piece : crumb)
       sides_[piece] = side;
-  }
-
-  /// The next patch starts at this one, so its joints are near both.
-  void dropFarLips() {
-    std::map<std::uint32_t, int> near;
-    for (const std::uint32_t piece : pieces_) {
-      if (const auto lip = sides_.find(piece); lip != sides_.end())
-        near.insert(*lip);
-    }
-    sides_ = std::move(near);
   }
 
   double resistanceOf(std::int32_t piece) const {
