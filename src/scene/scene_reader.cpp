@@ -82,6 +82,7 @@ Material readMaterial(YamlMap& map) {
   material.youngs_modulus_pa = map.number("youngs_modulus_pa", {1.0, 1e12, "Pa"});
   material.poisson_ratio = map.number("poisson_ratio", {0.25, 0.49}, material.poisson_ratio);
   material.damping_ratio = map.number("damping_ratio", {0.0, 10.0}, material.damping_ratio);
+  material.prestretch = map.number("prestretch", {1.0, 1.5}, material.prestretch);
   material.cut_resistance_j_m2 = map.number("cut_resistance_j_m2", {0.0, 1e6, "J/m^2"}, material.cut_resistance_j_m2);
   material.fixed = map.flag("fixed", material.fixed);
   material.colour = map.vector("colour", kFraction, Vector3::Ones()).cast<float>();
@@ -344,6 +345,8 @@ Scene parseScene(const std::string& yaml, const std::string& origin, const std::
   YamlMap incision = top.map("incision");
   readChoice(incision, "method", scene.incision.method);
   scene.incision.rest_fraction = incision.number("rest_fraction", {0.3, 1.0}, scene.incision.rest_fraction);
+  scene.incision.opening_pressure_pa =
+      incision.number("opening_pressure_pa", {0.0, 1e6, "Pa"}, scene.incision.opening_pressure_pa);
   incision.finish();
   scene.output = readOutput(top.map("output"));
   scene.rendering = readRendering(top.map("rendering"), scene.materials, folder);

@@ -82,6 +82,7 @@ void writeMaterial(Writer& out, const Material& m) {
     out.number("youngs_modulus_pa", m.youngs_modulus_pa);
     out.number("poisson_ratio", m.poisson_ratio);
     out.number("damping_ratio", m.damping_ratio);
+    out.number("prestretch", m.prestretch);
     out.number("cut_resistance_j_m2", m.cut_resistance_j_m2);
     out.flag("fixed", m.fixed);
     out.colour("colour", m.colour);
@@ -271,6 +272,7 @@ std::string writeScene(const Scene& scene) {
     out.map("incision", [&] {
       out.text("method", nameOf(scene.incision.method));
       out.number("rest_fraction", scene.incision.rest_fraction);
+      out.number("opening_pressure_pa", scene.incision.opening_pressure_pa);
     });
     out.map("output", [&] {
       out.number("state_rate_hz", scene.output.state_rate_hz);

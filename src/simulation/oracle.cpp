@@ -8,6 +8,8 @@
 #include <set>
 #include <utility>
 
+#include "prestress.h"
+
 namespace soft_volume::core {
 namespace {
 
@@ -130,7 +132,13 @@ std::pair<std::uint32_t, std::uint32_t> pairVertices(const Lattice& lattice, std
 }  // namespace
 
 OracleModel::OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule)
-    : lattice_(&lattice), rest_corners_(boxCorners(lattice.spacing_m)) {
+    : OracleModel(lattice, materials, rule, findSlack(lattice, materials, rule)) {}
+
+OracleModel::OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule,
+                         std::vector<Vector3> slack_m)
+    : lattice_(&lattice), rest_corners_(boxCorners(lattice.spacing_m)), slack_m_(std::move(slack_m)) {
+  for (const Material& material : materials)
+    prestretch_.push_back(material.prestretch);
   if (rule == SpringRule::kDissertation) {
     volume_modulus_pa_.assign(materials.size(), 0.0);
     relief_n_m_.assign(materials.size(), 0.0);
@@ -174,17 +182,28 @@ void OracleModel::findRestShapes() {
   rest_length_m_.push_back(pairLengths(rest_corners_));
   length_row_.assign(lattice_->cellCount(), 0);
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
-    const Vector3& stretch = lattice_->rest_stretch[cell];
-    if (stretch == Vector3::Ones())
+    if (slack_m_.empty() && lattice_->rest_stretch[cell] == Vector3::Ones())
       continue;
     length_row_[cell] = static_cast<std::uint32_t>(rest_length_m_.size());
-    rest_length_m_.push_back(pairLengths(boxCorners(lattice_->spacing_m.cwiseProduct(stretch))));
+    rest_length_m_.push_back(restLengths(cell));
   }
 }
 
+OracleModel::PerPair OracleModel::restLengths(std::size_t cell) const {
+  PerPair lengths = pairLengths(boxCorners(lattice_->spacing_m.cwiseProduct(lattice_->rest_stretch[cell])));
+  for (std::size_t s = 0; s < kCornerPairs.size() && !slack_m_.empty(); ++s) {
+    const CornerPair& pair = kCornerPairs[s];
+    const Vector3 way = rest_corners_[pair.b] - rest_corners_[pair.a];
+    const Vector3 slack = slack_m_[lattice_->cells[cell][pair.b]] - slack_m_[lattice_->cells[cell][pair.a]];
+    lengths[s] *= 1.0 / prestretch_[lattice_->materials[cell]] - way.dot(slack) / way.squaredNorm();
+  }
+  return lengths;
+}
+
 OracleModel::Volume OracleModel::volume(std::size_t cell) const {
-  return {volume_modulus_pa_[lattice_->materials[cell]],
-          lattice_->spacing_m.prod() * lattice_->rest_stretch[cell].prod()};
+  const std::uint16_t material = lattice_->materials[cell];
+  const double slack = slack_m_.empty() ? 1.0 : slackVolume(*lattice_, slack_m_, prestretch_[material], cell);
+  return {volume_modulus_pa_[material], lattice_->spacing_m.prod() * lattice_->rest_stretch[cell].prod() * slack};
 }
 
 CellCorners OracleModel::corners(std::size_t cell, const std::vector<Vector3>& displacements_m) const {

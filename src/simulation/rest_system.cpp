@@ -3,7 +3,6 @@
 #include <cmath>
 #include <random>
 
-#include "implicit_step.h"
 #include "soft_volume/grid/hexahedron.h"
 
 namespace soft_volume::core {
@@ -51,6 +50,13 @@ Lattice healed(const Lattice& lattice) {
     }
   }
   whole.rest_positions.resize(vertices);
+  // Of the parts of a fixed vertex those that hold no more are free.
+  for (std::uint32_t v = 0; v < lattice.vertexCount(); ++v) {
+    std::uint32_t origin = v;
+    while (lattice.origin_vertices[origin] != origin)
+      origin = lattice.origin_vertices[origin];
+    whole.fixed[origin] = whole.fixed[origin] | lattice.fixed[v];
+  }
   whole.fixed.resize(vertices);
   whole.origin_vertices.resize(vertices);
   whole.lattice_nodes.resize(vertices);
@@ -70,7 +76,9 @@ RestSystem::RestSystem(const Lattice& lattice, SpringRule rule, const SpringMode
       makeRow(lattice, index, model, v, row);
       mass_kg_.segment<3>(3 * Eigen::Index(v)).setConstant(row.mass_kg);
       for (const MergedSpring& spring : row.springs)
-        entries_.push_back({spring.neighbour, spring.direction, spring.stiffness_n_m});
+        entries_.push_back(
+            {spring.neighbour, spring.direction, spring.stiffness_n_m,
+             model.slack_m.empty() ? 0.0 : 1.0 - spring.rest_length_m / model.lengths_m[spring.direction]});
     }
     row_begin_.push_back(static_cast<std::uint32_t>(entries_.size()));
   }
@@ -94,7 +102,9 @@ void RestSystem::product(const Eigen::VectorXd& x, Eigen::VectorXd& y) const {
     for (std::uint32_t e = row_begin_[std::size_t(v)]; e < row_begin_[std::size_t(v) + 1]; ++e) {
       const Vector3& unit = unit_[entries_[e].direction];
       const Vector3 apart = own - x.segment<3>(3 * Eigen::Index(entries_[e].neighbour));
-      sum += entries_[e].stiffness_n_m * (unit.dot(apart) * unit + linear_[entries_[e].direction] * apart);
+      const double across = entries_[e].tension;
+      sum += entries_[e].stiffness_n_m *
+             ((1.0 - across) * unit.dot(apart) * unit + (linear_[entries_[e].direction] + across) * apart);
     }
     y.segment<3>(3 * v) = sum;
   }
@@ -135,9 +145,7 @@ double RestSystem::largestFrequency() const {
   return std::sqrt(eigenvalue);
 }
 
-double RestSystem::lowestFrequency() const {
-  if (mass_kg_.size() == 0 || mass_kg_.minCoeff() > 0.0)
-    return 0.0;  // nothing holds the lattice
+LinearProblem RestSystem::problem() const {
   LinearProblem problem;
   problem.stiffness_product = [this](const Eigen::VectorXd& x, Eigen::VectorXd& y) { product(x, y); };
   problem.diagonal = Eigen::VectorXd::Zero(mass_kg_.size());
@@ -150,13 +158,27 @@ double RestSystem::lowestFrequency() const {
     if (diagonal.minCoeff() > 0.0)
       problem.preconditioner.segment<3>(3 * Eigen::Index(v)) = diagonal.cwiseInverse();
   }
+  return problem;
+}
+
+Eigen::VectorXd RestSystem::answer(const Eigen::VectorXd& force, double tolerance) const {
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(force.size());
+  if (force.size() > 0 && !force.isZero(0.0))
+    solveConjugateGradient(problem(), force, tolerance, x);
+  return x;
+}
+
+double RestSystem::lowestFrequency() const {
+  if (mass_kg_.size() == 0 || mass_kg_.minCoeff() > 0.0)
+    return 0.0;  // nothing holds the lattice
+  const LinearProblem linear = problem();
   double lowest = 0.0;
   for (int axis = 0; axis < 3; ++axis) {
     Eigen::VectorXd force = Eigen::VectorXd::Zero(mass_kg_.size());
     for (Eigen::Index n = axis; n < force.size(); n += 3)
       force[n] = mass_kg_[n];
     Eigen::VectorXd x;
-    solveConjugateGradient(problem, force, 1e-4, x);
+    solveConjugateGradient(linear, force, 1e-4, x);
     const double squared = force.dot(x) / mass_kg_.dot(x.cwiseAbs2());
     if (std::isfinite(squared) && squared > 0.0)
       lowest = lowest > 0.0 ? std::min(lowest, std::sqrt(squared)) : std::sqrt(squared);

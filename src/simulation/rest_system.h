@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 
+#include "implicit_step.h"
 #include "lattice_index.h"
 #include "spring_model.h"
 
@@ -24,14 +25,19 @@ class RestSystem {
   /// Lowest one, by Rayleigh's method: that of the shape in which the lattice hangs under a uniform body force, along
   /// the axis for which it is lowest. A free lattice has no such shape; 0 then. Rad/s.
   double lowestFrequency() const;
+  /// K^-1 f, three entries per vertex, by conjugate gradients down to a residual of `tolerance` |f|. Forces that a
+  /// free lattice cannot resist have to be none.
+  Eigen::VectorXd answer(const Eigen::VectorXd& force, double tolerance) const;
 
  private:
   struct Entry {
     std::uint32_t neighbour;
     std::uint8_t direction;
     double stiffness_n_m;
+    double tension;  ///< what a prestretched spring's tension makes stiff across it, in units of its stiffness
   };
   void product(const Eigen::VectorXd& x, Eigen::VectorXd& y) const;
+  LinearProblem problem() const;
 
   std::vector<std::uint32_t> row_begin_;
   std::vector<Entry> entries_;

@@ -8,6 +8,7 @@
 
 #include "lattice_index.h"
 #include "lip_row.h"
+#include "prestress.h"
 #include "rest_system.h"
 #include "safe_move.h"
 #include "soft_volume/common/error.h"
@@ -94,6 +95,8 @@ void checkMaterial(const Material& material) {
     throw SceneError(name + "youngs_modulus_pa must be a number in [1e-6, 1e15]");
   if (!in(material.poisson_ratio, 0.25, 0.49))
     throw SceneError(name + "poisson_ratio must be a number in [0.25, 0.49]");
+  if (!in(material.prestretch, 1.0, 1.5))
+    throw SceneError(name + "prestretch must be a number in [1, 1.5]");
   if (!in(material.damping_ratio, 0.0, 1e6))
     throw SceneError(name + "damping_ratio must be a number in [0, 1e6]");
 }
@@ -207,6 +210,7 @@ Simulation::Impl::Impl(const Lattice& l, const std::vector<Material>& m, const S
     const double frequency = dampingFrequency();
     model = makeSpringModel(*lattice, *materials, settings.spring_rule, frequency);
   }
+  model.slack_m = findSlack(*lattice, *materials, settings.spring_rule);
   chooseStep();
   solver = makeSolver(settings.precision, *lattice, index, threads);
   state.displacements_m.assign(lattice->vertexCount(), Vector3::Zero());
@@ -244,12 +248,14 @@ double Simulation::Impl::copiesLimit() const {
     return std::numeric_limits<double>::infinity();
   if (!cell_limit_s) {
     double most = 0.0;
+    SpringModel slack = model;
+    slack.slack_m.clear();
     for (std::size_t m = 0; m < materials->size(); ++m) {
       if ((*materials)[m].fixed)
         continue;
       const Lattice cell =
           makeLattice(Vector3i::Ones(), lattice->spacing_m, Vector3::Zero(), {static_cast<std::int32_t>(m)});
-      most = std::max(most, RestSystem(cell, settings.spring_rule, model).largestFrequency());
+      most = std::max(most, RestSystem(cell, settings.spring_rule, slack).largestFrequency());
     }
     cell_limit_s = most > 0.0 ? 2.0 / most : std::numeric_limits<double>::infinity();
   }
@@ -411,10 +417,12 @@ double Simulation::Impl::frontierError() const {
   double cells = 0.0;
   for (std::size_t cell = 0; cell < lattice->cellCount(); ++cell) {
     const auto& vertices = lattice->cells[cell];
-    if (std::all_of(vertices.begin(), vertices.end(),
-                    [this](std::uint32_t v) { return state.displacements_m[v].isZero(0.0); }))
+    const bool at_rest = std::all_of(vertices.begin(), vertices.end(),
+                                     [this](std::uint32_t v) { return state.displacements_m[v].isZero(0.0); });
+    if (!at_rest || !model.slack_m.empty())
+      oracleModel().addCellForces(cell, state.displacements_m, held_n);
+    if (at_rest)
       continue;
-    oracleModel().addCellForces(cell, state.displacements_m, held_n);
     modulus_pa += lattice->shares[cell] * (*materials)[lattice->materials[cell]].youngs_modulus_pa;
     cells += lattice->shares[cell];
     for (const std::uint32_t v : vertices)
@@ -548,6 +556,8 @@ void Simulation::Impl::adoptTopology() {
   }
   for (std::size_t cell = state.lifetimes.size(); cell < lattice->cellCount(); ++cell)
     state.lifetimes.push_back(state.lifetimes[std::size_t(lattice->cell_at[lattice->parent_cells[cell]])]);
+  if (!model.slack_m.empty())
+    extendSlack(*lattice, model.slack_m);
   chooseStep();
   index.refresh();
   oracle.reset();
@@ -574,7 +584,7 @@ void Simulation::Impl::setLips(std::vector<LipContact> contacts) {
 /// Kept once it was asked for: tests and validation ask often, the nodes never do.
 const OracleModel& Simulation::Impl::oracleModel() const {
   if (!oracle)
-    oracle = std::make_unique<OracleModel>(*lattice, *materials, settings.spring_rule);
+    oracle = std::make_unique<OracleModel>(*lattice, *materials, settings.spring_rule, model.slack_m);
   return *oracle;
 }
 

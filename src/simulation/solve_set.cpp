@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "prestress.h"
+
 namespace soft_volume::core {
 namespace {
 
@@ -297,7 +299,11 @@ void SolveSet<Real>::packCells(const SpringModel& model) {
       continue;
     volume_modulus_[n] =
         static_cast<Real>(lattice_->shares[cells_[n]] * model.materials[lattice_->materials[cells_[n]]].volume_pa);
-    volume_stretch_[n] = static_cast<Real>(lattice_->rest_stretch[cells_[n]].prod());
+    double stretch = lattice_->rest_stretch[cells_[n]].prod();
+    if (!model.slack_m.empty())
+      stretch *=
+          slackVolume(*lattice_, model.slack_m, model.materials[lattice_->materials[cells_[n]]].prestretch, cells_[n]);
+    volume_stretch_[n] = static_cast<Real>(stretch);
   }
   corner_force_.assign(24 * stride, Real(0));
   packCellsOfVertices();

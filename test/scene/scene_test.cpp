@@ -177,11 +177,15 @@ TEST(Scene, EveryKeyOfTheSimulationSurvivesTheResolvedText) {
   scene.simulation = simulationWith(kUnusualSimulation);
   scene.materials[0].poisson_ratio = 0.49;
   scene.materials[0].damping_ratio = 1.0 / 3.0;
+  scene.materials[0].prestretch = 1.15;
+  scene.incision.opening_pressure_pa = 250.0;
   scene.lattice.spacing_m = {0.008, 0.01, 0.0095};
   const Scene again = parseScene(writeScene(scene), "resolved", "/");
   expectEqual(again.simulation, scene.simulation);
   EXPECT_EQ(again.materials[0].poisson_ratio, 0.49);
   EXPECT_EQ(again.materials[0].damping_ratio, 1.0 / 3.0);
+  EXPECT_EQ(again.materials[0].prestretch, 1.15);
+  EXPECT_EQ(again.incision.opening_pressure_pa, 250.0);
   EXPECT_EQ(again.lattice.spacing_m, scene.lattice.spacing_m);
 }
 
@@ -436,6 +440,8 @@ TEST(Scene, RejectsOneBadValuePerField) {
       {"damping_ratio: 0.5", "damping_ratio: 10.5", "damping_ratio"},
       {"damping_ratio: 0.5", "poisson_ratio: 0.5", "poisson_ratio"},
       {"damping_ratio: 0.5", "poisson_ratio: 0.24", "poisson_ratio"},
+      {"damping_ratio: 0.5", "prestretch: 0.95", "prestretch"},
+      {"damping_ratio: 0.5", "prestretch: 1.6", "prestretch"},
       {"damping_ratio: 0.5", "fixed: maybe", "fixed"},
       {"damping_ratio: 0.5", "cut_resistance_j_m2: -1", "cut_resistance_j_m2"},
       {"colour: [0.9, 0.6, 0.5]", "colour: [2, 0, 0]", "colour"},
@@ -471,6 +477,7 @@ TEST(Scene, RejectsOneBadValuePerField) {
       {"lifetime_s: 0.5", "lifetime_s: for ever", "simulation.lifetime_s"},
       {"lifetime_s: 0.5", "max_tool_force_n: 0", "simulation.max_tool_force_n"},
       {"rendering:", "incision: {rest_fraction: 0.1}\nrendering:", "incision.rest_fraction"},
+      {"rendering:", "incision: {opening_pressure_pa: -1}\nrendering:", "incision.opening_pressure_pa"},
       {"rendering:", "output: {state_rate_hz: 0}\nrendering:", "output.state_rate_hz"},
       {"rendering:", "output: {patch_rate_hz: 0}\nrendering:", "output.patch_rate_hz"},
       {"rendering:", "output: {key_frame_interval_s: 0}\nrendering:", "output.key_frame_interval_s"},

@@ -66,14 +66,16 @@ std::vector<Case> cases() {
 template <typename Real>
 struct Packed {
   Packed(const Case& c, bool with_frontier, unsigned seed)
-      : index(c.lattice), model(makeSpringModel(c.lattice, c.materials, c.rule, 50.0)), set(c.lattice, index) {
+      : lattice_vertices(c.lattice.vertexCount()),
+        index(c.lattice),
+        model(makeSpringModel(c.lattice, c.materials, c.rule, 50.0)),
+        set(c.lattice, index) {
     set.build(model, c.activeCells(), with_frontier);
     Random random(seed);
-    const std::size_t count = c.lattice.vertexCount();
-    fill(set.view().displacement, random.boxed(count, kMove));
-    fill(set.view().velocity, random.boxed(count, kSpeed));
-    fill(set.view().external, random.boxed(count, 0.01));
-    fill(set.view().move, random.boxed(count, kMove));
+    fill(set.view().displacement, random, kMove);
+    fill(set.view().velocity, random, kSpeed);
+    fill(set.view().external, random, 0.01);
+    fill(set.view().move, random, kMove);
     KernelView<Real>& view = set.view();
     for (std::size_t v = 0; v < set.vertexCount(); ++v) {
       view.move_squared[v] =
@@ -83,6 +85,7 @@ struct Packed {
     view.gravity[2] = Real(-9.81);
   }
 
+  void fill(Real* const to[3], Random& random, double size) { fill(to, random.boxed(lattice_vertices, size)); }
   void fill(Real* const to[3], const std::vector<Vector3>& values) {
     for (std::uint32_t v = 0; v < set.vertexCount(); ++v) {
       for (int d = 0; d < 3; ++d)
@@ -99,6 +102,7 @@ struct Packed {
     return {double(from[0][local]), double(from[1][local]), double(from[2][local])};
   }
 
+  std::size_t lattice_vertices;
   LatticeIndex index;
   SpringModel model;
   SolveSet<Real> set;

@@ -17,8 +17,12 @@ struct Material {
   std::string name;
   double density_kg_m3 = 1000.0;
   double youngs_modulus_pa = 10000.0;
-  double poisson_ratio = 0.25;       ///< 0.25 to 0.49; springs alone have 0.25, more adds the volume energy
-  double damping_ratio = 0.0;        ///< of critical, for the slowest mode of the tissue; 1: critical
+  double poisson_ratio = 0.25;  ///< 0.25 to 0.49; springs alone have 0.25, more adds the volume energy
+  double damping_ratio = 0.0;   ///< of critical, for the slowest mode of the tissue; 1: critical
+  /// By how much the tissue is stretched as it was imaged, 1 to 1.5: taut, so that an incision gapes by itself. The
+  /// imaged shape stays in equilibrium: tension has what holds it, tissue that is free carries none
+  /// (doc/simulation.md).
+  double prestretch = 1.0;
   double cut_resistance_j_m2 = 0.0;  ///< energy to part a unit area; 0 where it is not modelled
   bool fixed = false;                ///< rigid and immovable; blades do not cut it
   Vector3f colour = Vector3f::Ones();

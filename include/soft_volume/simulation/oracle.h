@@ -27,6 +27,10 @@ class OracleModel {
   /// it, and there is no volume energy. Throws SceneError as isotropicSprings(), elasticConstants() and
   /// dissertationStrength() do.
   OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule);
+  /// The same where the slack of prestretched tissue is known (one per vertex, metres; none where nothing is
+  /// prestretched): finding it is what takes long.
+  OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule,
+              std::vector<Vector3> slack_m);
 
   /// Adds the forces on all vertices, fixed ones included, newton.
   void addForces(const std::vector<Vector3>& displacements_m, std::vector<Vector3>& forces_n) const;
@@ -50,6 +54,7 @@ class OracleModel {
   void useIsotropicRule(const std::vector<Material>& materials);
   void useDissertationRule(double strength_n_m);
   void findRestShapes();
+  PerPair restLengths(std::size_t cell) const;
   Volume volume(std::size_t cell) const;
 
   const Lattice* lattice_;
@@ -62,6 +67,8 @@ class OracleModel {
   std::vector<std::uint32_t> length_row_;
   std::vector<double> volume_modulus_pa_;  ///< per material
   std::vector<double> relief_n_m_;         ///< per material, bendingRelief()
+  std::vector<double> prestretch_;         ///< per material
+  std::vector<Vector3> slack_m_;
 };
 
 std::vector<Vector3> oracleForces(const Lattice& lattice, const std::vector<Material>& materials,
