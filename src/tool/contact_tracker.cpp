@@ -10,6 +10,7 @@ namespace {
 constexpr double kSurfaceTolerance = 1e-7;  // metres
 constexpr double kClosedGap = 1e-5;         // metres
 constexpr double kDrop = 0.05;  // of the radius; a surface that is deeper than expected by this is an opening
+constexpr double kBesideOpening = 0.6;
 constexpr double kBlend = 0.2;  // stable below a dent nine times sharper than the tip is deep
 constexpr double kMaxTurn = 2.0 * M_PI / 180.0;
 constexpr std::size_t kDirections = 26;
@@ -62,7 +63,7 @@ ContactTracker::Hit ContactTracker::bisect(const PatchContact& field, const Ray&
       outside_in_cells = sample.at.found();
     }
   }
-  return {true, inside_t, inside, outside_in_cells, 0.0};
+  return {true, inside_t, inside, outside_in_cells, false, 0.0};
 }
 
 // From t_start outwards when there is tissue, inwards when there is not, to the nearest change.
@@ -110,11 +111,13 @@ ContactTracker::Hit ContactTracker::findGap(const PatchContact& field, const Ray
         outside_t = middle;
       }
     }
+    if (ray.parts_lips && field.isAtCut(start))
+      return {true, t_start, start, false, true, 0.0};
     if (outside_t + kClosedGap >= t_end)
       break;
     const PatchContact::Sample beyond = field.sample(ray.at(outside_t + kClosedGap), end.cell);
     if (!beyond.tissue)
-      return {true, t_start, start, beyond.at.found(), 0.0};
+      return {true, t_start, start, beyond.at.found(), false, 0.0};
     t_start = outside_t + kClosedGap;
     start = beyond.at;
   }
@@ -124,7 +127,9 @@ ContactTracker::Hit ContactTracker::findGap(const PatchContact& field, const Ray
 // Where a sphere around the ray's origin is pressed in most, along the ray's direction.
 ContactTracker::Hit ContactTracker::press(const PatchContact& field, const Ray& centre, double t_expected,
                                           double radius_m) {
-  Hit deepest = findSurface(field, centre, t_expected, -radius_m);
+  // Where lips lie on each other, the tissue on the surface is either one's: start below it.
+  const double t_start = centre.parts_lips ? t_expected - field.marchStep() : t_expected;
+  Hit deepest = findSurface(field, centre, t_start, -radius_m);
   deepest.reach_m = radius_m;
   if (!field.hasCuts() || (deepest.found && deepest.t > t_expected - kDrop * radius_m))
     return deepest;
@@ -133,14 +138,23 @@ ContactTracker::Hit ContactTracker::press(const PatchContact& field, const Ray& 
   for (int n = 0; n < 8; ++n) {
     const double offset = (n % 2 == 0 ? 0.35 : 0.7) * radius_m;
     const double angle = n * M_PI / 4.0;
-    const Ray ray{centre.origin + offset * (std::cos(angle) * side + std::sin(angle) * other), centre.direction};
+    const Ray ray{centre.origin + offset * (std::cos(angle) * side + std::sin(angle) * other), centre.direction,
+                  centre.parts_lips};
     const double reach = std::sqrt(radius_m * radius_m - offset * offset);
-    Hit hit = findSurface(field, ray, t_expected, -reach);
+    Hit hit = findSurface(field, ray, t_start, -reach);
     hit.reach_m = reach;
     if (hit.found && (!deepest.found || hit.depth() > deepest.depth()))
       deepest = hit;
   }
   return deepest;
+}
+
+// Height of the surface over the origin, at most `reach_m` either way.
+double ContactTracker::heightAt(const PatchContact& field, const Ray& ray, double reach_m) {
+  const Hit there = findSurface(field, ray, 0.0, -reach_m, reach_m);
+  if (there.found)
+    return there.t;
+  return field.sample(ray.origin).tissue ? reach_m : -reach_m;
 }
 
 // Slope of the surface between four lines beside the hit, parallel to the outward direction: exact for a plane. The
@@ -155,9 +169,10 @@ Vector3 ContactTracker::surfaceNormal(const PatchContact& field, const Hit& hit,
   for (const Vector3& side : sides) {
     double height[2];
     for (int s = 0; s < 2; ++s) {
-      const Ray ray{centre + (s == 0 ? -reach : reach) * side, outward};
-      const Hit there = findSurface(field, ray, 0.0, -reach, reach);
-      height[s] = there.found ? there.t : (field.sample(ray.origin).tissue ? reach : -reach);
+      const Vector3 beside = (s == 0 ? -reach : reach) * side;
+      height[s] = heightAt(field, {centre + beside, outward}, reach);
+      if (field.hasCuts() && height[s] < -0.5 * reach)  // a narrow opening, perhaps
+        height[s] = heightAt(field, {centre + kBesideOpening * beside, outward}, reach) / kBesideOpening;
     }
     normal -= (height[1] - height[0]) / (2.0 * reach) * side;
   }
@@ -205,6 +220,7 @@ void ContactTracker::remember(const PatchContact& field, const Hit& hit) {
   surface_revision_ = field.revision();
   surface_cell_id_ = field.cellId(hit.inside.cell);
   surface_at_ = hit.inside;
+  surface_is_lip_ = !hit.at_iso_surface && field.isAtCut(hit.inside);
   surface_point_m_ = field.position(hit.inside);
 }
 
@@ -257,13 +273,13 @@ void ContactTracker::carrySurfacePoint(const PatchContact& field) {
 Contact ContactTracker::follow(const PatchContact& field, const Vector3& tip_m, double radius_m) {
   carrySurfacePoint(field);
   const double expected = (surface_point_m_ - tip_m).dot(normal_);
-  const Hit hit = press(field, {tip_m, normal_}, expected, radius_m);
+  const Hit hit = press(field, {tip_m, normal_, surface_is_lip_}, expected, radius_m);
   if (!hit.found || hit.depth() <= 0.0)
     return release(tip_m);
   remember(field, hit);
   const Contact contact = report(field, hit);
-  // Beyond the patch's end nothing is known of the surface.
-  if (!contact.patch_too_small)
+  // Beyond the patch's end nothing is known of the surface, and below another lip its slope is hard to tell.
+  if (!contact.patch_too_small && !hit.at_closed_lips)
     normal_ = turnTowards(normal_, surfaceNormal(field, hit, normal_, radius_m));
   return contact;
 }

@@ -12,7 +12,8 @@
 namespace soft_volume::core {
 namespace {
 
-constexpr int kMaxBins = 24;  // per axis
+constexpr int kMaxBins = 24;      // per axis
+constexpr double kAtFace = 1e-6;  // metres
 constexpr std::array<std::uint32_t, 8> kHexahedronOrder{0, 1, 2, 3, 4, 5, 6, 7};
 constexpr std::array<std::uint32_t, 8> kVoxelOrder{0, 1, 3, 2, 4, 5, 7, 6};
 
@@ -52,6 +53,16 @@ int nearestFace(const Vector3& local) {
   Eigen::Index axis = 0;
   (local - Vector3::Constant(0.5)).cwiseAbs().maxCoeff(&axis);
   return 2 * int(axis) + (local[axis] > 0.5 ? 1 : 0);
+}
+
+// Whether a place in a box, both in metres, is at one of these faces.
+bool isAtFace(unsigned faces, const Vector3& place_m, const Vector3& lengths_m) {
+  for (int face = 0; face < 6; ++face) {
+    const double from_face = face % 2 == 0 ? place_m[face / 2] : lengths_m[face / 2] - place_m[face / 2];
+    if ((faces >> face & 1U) != 0 && from_face < kAtFace)
+      return true;
+  }
+  return false;
 }
 
 }  // namespace
@@ -151,14 +162,17 @@ void PatchContact::addHexahedron(const Topology& topology, std::uint32_t id) {
     cell.box.extend(position[i]);
   }
   unsigned missing = 0;
+  unsigned cuts = 0;
   for (std::size_t face = 0; face < 6; ++face) {
     const Behind other = behind(topology, id, face);
     missing |= isMissing(other) ? 1U << face : 0U;
-    cell.cut |= other.cut;
+    cuts |= other.cut ? 1U << face : 0U;
   }
   cell.id = id;
+  cell.cut = cuts != 0;
   cell.first = std::uint32_t(hexahedra_.size());
-  hexahedra_.push_back({Trilinear(position), Trilinear(place), Trilinear(velocity), std::uint8_t(missing)});
+  hexahedra_.push_back(
+      {Trilinear(position), Trilinear(place), Trilinear(velocity), std::uint8_t(missing), std::uint8_t(cuts)});
   addCell(cell);
 }
 
@@ -196,22 +210,22 @@ void PatchContact::addCones(const Topology& topology, std::uint32_t id) {
   const double tolerance_m = kFaceTolerance * cell.box.sizes().maxCoeff();
   forEachFace(topology.cell_types[id], begin, [&](std::size_t face, const std::uint32_t* loop, std::size_t size) {
     const Behind other = behind(topology, id, face);
-    const bool fits_hexahedron =
-        other.neighbour >= 0 && !other.cut && isHexahedral(topology.cell_types[std::size_t(other.neighbour)]);
-    addFace({loop, size}, size == 4 && fits_hexahedron, isMissing(other), centre, tolerance_m);
+    addFace(topology, {loop, size}, other, centre, tolerance_m);
     cell.cut |= other.cut;
   });
   cell.cones = std::uint32_t(cones_.size()) - cell.first;
   addCell(cell);
 }
 
-void PatchContact::addFace(const Loop& loop, bool bilinear, bool missing_neighbour, std::uint32_t centre,
+void PatchContact::addFace(const Topology& topology, const Loop& loop, const Behind& behind, std::uint32_t centre,
                            double tolerance_m) {
   const auto slot = [&](std::size_t corner) { return vertex_slots_[loop.vertices[corner % loop.size]]; };
   const auto add = [&](const SurfaceCone::Points& points) {
-    cones_.push_back({SurfaceCone(positions_m_, points, tolerance_m), missing_neighbour});
+    cones_.push_back({SurfaceCone(positions_m_, points, tolerance_m), isMissing(behind), behind.cut});
   };
-  if (bilinear) {
+  const bool fits_hexahedron =
+      behind.neighbour >= 0 && !behind.cut && isHexahedral(topology.cell_types[std::size_t(behind.neighbour)]);
+  if (loop.size == 4 && fits_hexahedron) {
     add({centre, slot(0), slot(1), slot(2), slot(3)});
     return;
   }
@@ -359,6 +373,20 @@ std::uint32_t PatchContact::cellOfId(std::uint32_t id) const {
   const auto it =
       std::lower_bound(cells_.begin(), cells_.end(), id, [](const Cell& cell, std::uint32_t v) { return cell.id < v; });
   return it != cells_.end() && it->id == id ? std::uint32_t(it - cells_.begin()) : kNoCell;
+}
+
+bool PatchContact::isAtCut(const CellPoint& at) const {
+  const Cell& cell = cells_[at.cell];
+  if (!cell.cut)
+    return false;
+  if (cell.isHexahedron()) {
+    const Hexahedron& hexahedron = hexahedra_[cell.first];
+    const Vector3 lengths = hexahedron.position.jacobian(at.local).colwise().norm();
+    return isAtFace(hexahedron.cuts, at.local.cwiseProduct(lengths), lengths);
+  }
+  const Vector3 point_m = position(at);
+  return std::any_of(cones_.begin() + cell.first, cones_.begin() + cell.first + cell.cones,
+                     [&](const Cone& cone) { return cone.cut && cone.shape.isAtBase(point_m, kAtFace); });
 }
 
 bool PatchContact::gridGoesOn(const CellPoint& at) const {

@@ -16,7 +16,7 @@ double mixed(const Vector3& local) {
 }  // namespace
 
 SurfaceCone::SurfaceCone(const std::vector<Vector3>& positions_m, const Points& points, double tolerance_m)
-    : points_(points), apex_m_(positions_m[points[0]]) {
+    : points_(points), apex_m_(positions_m[points[0]]), tolerance_m_(tolerance_m) {
   const auto& p = positions_m;
   const std::uint32_t along_c = isQuadrilateral() ? points_[4] : points_[3];
   Matrix3 linear;
@@ -27,8 +27,7 @@ SurfaceCone::SurfaceCone(const std::vector<Vector3>& positions_m, const Points& 
     return;
   if (isQuadrilateral())
     warp_ = inverse_ * (p[points_[1]] - p[points_[2]] + p[points_[3]] - p[points_[4]]);
-  slack_ << inverse_.rowwise().norm(), (inverse_.row(0) - inverse_.row(1) - inverse_.row(2)).norm();
-  slack_ *= tolerance_m;
+  per_m_ << inverse_.rowwise().norm(), (inverse_.row(0) - inverse_.row(1) - inverse_.row(2)).norm();
 }
 
 std::optional<Vector3> SurfaceCone::invert(const Vector3& point_m) const {
@@ -40,7 +39,8 @@ std::optional<Vector3> SurfaceCone::invert(const Vector3& point_m) const {
 
 std::optional<Vector3> SurfaceCone::invertTriangle(const Vector3& local) const {
   const double rest = local[0] - local[1] - local[2];
-  if (local[0] > 1.0 + slack_[0] || local[1] < -slack_[1] || local[2] < -slack_[2] || rest < -slack_[3])
+  const Eigen::Vector4d slack = tolerance_m_ * per_m_;
+  if (local[0] > 1.0 + slack[0] || local[1] < -slack[1] || local[2] < -slack[2] || rest < -slack[3])
     return std::nullopt;
   const double b = std::max(local[1], 0.0);
   const double c = std::max(local[2], 0.0);
@@ -71,6 +71,14 @@ std::optional<Vector3> SurfaceCone::invertQuadrilateral(const Vector3& linear) c
     return Vector3(clamped, std::clamp(local[1], 0.0, clamped), std::clamp(local[2], 0.0, clamped));
   }
   return std::nullopt;
+}
+
+bool SurfaceCone::isAtBase(const Vector3& point_m, double distance_m) const {
+  if (!has_volume_ || isQuadrilateral())
+    return false;
+  const Vector3 local = inverse_ * (point_m - apex_m_);
+  const Eigen::Vector4d inside(-std::abs(local[0] - 1.0), local[1], local[2], local[0] - local[1] - local[2]);
+  return (inside + distance_m * per_m_).minCoeff() >= 0.0;
 }
 
 Vector3 SurfaceCone::value(const std::vector<Vector3>& field, const Vector3& local) const {

@@ -5,9 +5,9 @@
 #include <functional>
 #include <set>
 
-#include "cut_tissue.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/grid/cell_shape.h"
+#include "tissue_in_pieces.h"
 
 namespace soft_volume::core {
 namespace {
@@ -22,7 +22,7 @@ Vector3 randomIn(const Vector3& low, const Vector3& high, std::mt19937& random) 
 /// The triangles of a cell's deformed surface, by the rule that patch_contact.h states; bilinear faces finely divided.
 class Surface {
  public:
-  Surface(const CutTissue& tissue, std::uint32_t cell) : tissue_(tissue) {
+  Surface(const TissueInPieces& tissue, std::uint32_t cell) : tissue_(tissue) {
     const Topology& topology = tissue.topology;
     std::size_t begin = 0;
     for (std::uint32_t c = 0; c < cell; ++c)
@@ -82,7 +82,7 @@ class Surface {
     }
   }
 
-  const CutTissue& tissue_;
+  const TissueInPieces& tissue_;
   std::vector<std::array<Vector3, 3>> triangles_;
   Box3 box_;
 };
@@ -92,7 +92,7 @@ TEST(CutContactTest, AgreesWithWindingNumbersOfTheCellsSurfaces) {
   int inside = 0;
   int disputed = 0;
   for (int round = 0; round < caseCount(6); ++round) {
-    CutTissue tissue({4, 4, 4});
+    TissueInPieces tissue({4, 4, 4});
     cutAtRandom(tissue, 4, random);
     const double x = 0.45 * tissue.block.size().x();
     tissue.part(x, [&](const Vector3& p, int side) { return Vector3(warp(p) + 0.4 * kH * side * Vector3::UnitX()); });
@@ -149,7 +149,7 @@ TEST(CutContactTest, NoGapsBetweenNeighboursWhateverTheirKind) {
   int flat = 0;
   int jumps = 0;
   for (int round = 0; round < caseCount(12); ++round) {
-    CutTissue tissue({4, 4, 4});
+    TissueInPieces tissue({4, 4, 4});
     cutAtRandom(tissue, 5, random);
     tissue.part(0.0, [](const Vector3& p, int) { return warp(p); });
     ASSERT_GT(tissue.polyhedra(), 20U);
@@ -189,7 +189,7 @@ TEST(CutContactTest, NoGapsBetweenNeighboursWhateverTheirKind) {
 
 TEST(CutContactTest, LinesThroughClosedCutsNeverMeetAir) {
   std::mt19937 random(23);
-  CutTissue tissue({4, 4, 4});
+  TissueInPieces tissue({4, 4, 4});
   cutAtRandom(tissue, 6, random);
   const PatchContact contact = tissue.contact();
   const std::size_t vertices = tissue.topology.vertexCount();
@@ -202,14 +202,14 @@ TEST(CutContactTest, LinesThroughClosedCutsNeverMeetAir) {
 }
 
 /// There the volume's gradient is not that of a ramp.
-bool nearVolumesEnd(const CutTissue& tissue, const Vector3& place) {
+bool nearVolumesEnd(const TissueInPieces& tissue, const Vector3& place) {
   const Vector3 size = tissue.block.size();
   return place.minCoeff() < 0.6 * kH || (size - place).minCoeff() < 0.6 * kH;
 }
 
 TEST(CutContactTest, AffineTissueIsMappedBackExactly) {
   std::mt19937 random(24);
-  CutTissue tissue({4, 4, 4}, [](const Vector3& p) { return 100.0 * p.x() - 50.0 * p.y() + 30.0 * p.z(); });
+  TissueInPieces tissue({4, 4, 4}, [](const Vector3& p) { return 100.0 * p.x() - 50.0 * p.y() + 30.0 * p.z(); });
   cutAtRandom(tissue, 5, random);
   Matrix3 a;
   a << 1.2, 0.3, 0.0, -0.1, 0.9, 0.2, 0.1, 0.0, 0.7;
@@ -236,7 +236,7 @@ TEST(CutContactTest, AffineTissueIsMappedBackExactly) {
 
 TEST(CutContactTest, GradientIsTheDerivativeInWarpedPieces) {
   std::mt19937 random(25);
-  CutTissue tissue({4, 4, 4}, [](const Vector3& p) { return 1e3 * p.x() - 2e3 * p.y() + 3e3 * p.z(); });
+  TissueInPieces tissue({4, 4, 4}, [](const Vector3& p) { return 1e3 * p.x() - 2e3 * p.y() + 3e3 * p.z(); });
   cutAtRandom(tissue, 3, random);
   tissue.part(0.0, [](const Vector3& p, int) { return warp(p); });
   const PatchContact contact = tissue.contact(-1e9);

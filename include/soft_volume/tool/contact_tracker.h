@@ -28,11 +28,12 @@ struct Contact {
 ///   surface is not noticed. The normal is the slope of the surface over the tip's radius or three quarters of a cell,
 ///   whichever is more. The force turns towards it by a fifth of the difference per query and by at most 2 degrees, and
 ///   never to the other side, so noise cannot flip it.
-/// - Where the lattice ends inside tissue (cells are left out, a cut opened), its boundary is the surface. Lips of a
-/// cut
-///   that are less than 10 micrometres apart are as one. Over an opening the sphere rests on the rims as far as it does
-///   not fit in: where the line through its centre meets the surface deeper than expected, eight more lines, at 0.35
-///   and 0.7 radii, say where it is pressed in most. Between lips that are wider apart it touches the lip beside it.
+/// - Where the lattice ends inside tissue (cells are left out, a cut opened), its boundary is the surface. Lips that
+/// are
+///   less than 10 micrometres apart are as one, save for a tip that presses one of them already. Over an opening the
+///   sphere rests on the rims as far as it does not fit in: where the line through its centre meets the surface deeper
+///   than expected, eight more lines, at 0.35 and 0.7 radii, say where it is pressed in most. Between lips that are
+///   wider apart it touches the lip beside it.
 ///
 /// What it is not: it does not resist sliding (no friction) and does not prevent that a tip travels below the surface
 /// from one fold to the next; that needs a proxy (god object). A tip that starts inside tissue, with no history, leaves
@@ -50,6 +51,7 @@ class ContactTracker {
   struct Ray {
     Vector3 origin;
     Vector3 direction;
+    bool parts_lips = false;  // a lip ends the tissue, too, where the other one lies on it
     Vector3 at(double t) const { return origin + t * direction; }
   };
   struct Hit {
@@ -57,6 +59,7 @@ class ContactTracker {
     double t = 0.0;
     PatchContact::CellPoint inside;  // the last point in the tissue
     bool at_iso_surface = false;     // otherwise the cells end there
+    bool at_closed_lips = false;     // the other lip lies on the surface
     double reach_m = 0.0;            // of the sphere along the line, beyond the plane through its centre
     double depth() const { return t + reach_m; }
   };
@@ -69,6 +72,7 @@ class ContactTracker {
                      PatchContact::CellPoint start, const PatchContact::CellPoint& end);
   static Hit press(const PatchContact& field, const Ray& centre, double t_expected, double radius_m);
   static Vector3 gradientNormal(const PatchContact& field, const Hit& hit, const Vector3& outward);
+  static double heightAt(const PatchContact& field, const Ray& ray, double reach_m);
   static Vector3 surfaceNormal(const PatchContact& field, const Hit& hit, const Vector3& outward, double radius_m);
   static Vector3 shortestWayOut(const PatchContact& field, const Vector3& tip_m);
 
@@ -89,6 +93,7 @@ class ContactTracker {
   std::uint32_t surface_revision_ = 0;
   std::uint32_t surface_cell_id_ = 0;
   PatchContact::CellPoint surface_at_;
+  bool surface_is_lip_ = false;
 };
 
 }  // namespace soft_volume::core

@@ -20,10 +20,10 @@ namespace soft_volume::core {
 ///
 /// Hexahedra and voxels are trilinear. All other cells, polyhedra included, are made of cones (surface_cone.h) over
 /// their faces: a quadrilateral shared with a hexahedron is bilinear, any other face is parted into the triangles at
-/// its lowest vertex. So both cells of a face give it the same shape: where they meet there is no gap beyond
-/// kFaceTolerance of a hexahedron's or, among others, of the mean edge. A cell with a dent so deep that its centre does
-/// not see it reaches over it. Points and velocities are in the volume frame, metres and metres per second. Queries
-/// allocate nothing and take no lock; any number of threads may query while none calls update() or clear().
+/// its lowest vertex. So both cells of a face give it the same shape and leave no gap; kFaceTolerance of a
+/// hexahedron's local coordinates, or of a piece's size, is for rounding alone. A cell with a dent so deep that its
+/// centre does not see it reaches over it. Points and velocities are in the volume frame, metres and metres per second.
+/// Queries allocate nothing and take no lock; any number of threads may query while none calls update() or clear().
 class PatchContact {
  public:
   static constexpr std::uint32_t kNoCell = 0xffffffffU;
@@ -87,6 +87,8 @@ class PatchContact {
   /// The topology's number of a cell of the patch, and back; kNoCell when the patch lacks it.
   std::uint32_t cellId(std::uint32_t cell) const { return cells_[cell].id; }
   std::uint32_t cellOfId(std::uint32_t id) const;
+  /// Whether the point is within a micrometre of a face of its cell that an incision opened.
+  bool isAtCut(const CellPoint& at) const;
   /// True when the grid goes on behind the face that the point is nearest to, but the patch does not: the patch is too
   /// small to say what is there.
   bool gridGoesOn(const CellPoint& at) const;
@@ -97,10 +99,12 @@ class PatchContact {
     Trilinear place;
     Trilinear velocity;
     std::uint8_t missing_neighbours = 0;  // bit f: the cell behind face f is not in the patch
+    std::uint8_t cuts = 0;                // bit f: an incision opened face f
   };
   struct Cone {
     SurfaceCone shape;
     bool missing_neighbour = false;
+    bool cut = false;
   };
   struct Cell {
     Box3 box;
@@ -130,7 +134,8 @@ class PatchContact {
   void addHexahedron(const Topology& topology, std::uint32_t id);
   void addCones(const Topology& topology, std::uint32_t id);
   std::uint32_t addCentre(const Topology& topology, std::uint32_t id, Cell& cell);
-  void addFace(const Loop& loop, bool bilinear, bool missing_neighbour, std::uint32_t centre, double tolerance_m);
+  void addFace(const Topology& topology, const Loop& loop, const Behind& behind, std::uint32_t centre,
+               double tolerance_m);
   void measure();
   void buildBins();
   std::array<int, 3> binOf(const Vector3& point_m) const;

@@ -28,6 +28,8 @@ class SurfaceCone {
   /// Local coordinates of a point, on the border where it is outside within the tolerance; nothing when it is outside.
   /// A cone without volume contains nothing.
   std::optional<Vector3> invert(const Vector3& point_m) const;
+  /// Whether a point is no farther than this from a base that is a triangle.
+  bool isAtBase(const Vector3& point_m, double distance_m) const;
   /// A field with one value per point.
   Vector3 value(const std::vector<Vector3>& field, const Vector3& local) const;
   /// Columns are its derivatives by the local coordinates.
@@ -42,7 +44,8 @@ class SurfaceCone {
   Vector3 apex_m_;
   Matrix3 inverse_ = Matrix3::Zero();                // of the linear part
   Vector3 warp_ = Vector3::Zero();                   // the bilinear term of the base, in local coordinates
-  Eigen::Vector4d slack_ = Eigen::Vector4d::Zero();  // the tolerance in a, b, c and a - b - c
+  Eigen::Vector4d per_m_ = Eigen::Vector4d::Zero();  // slopes of a, b, c and a - b - c
+  double tolerance_m_;
   bool has_volume_ = false;
 };
 

@@ -14,8 +14,8 @@ namespace soft_volume::core {
 
 /// A block of cells of kH with its lowest corner at the origin, cut into pieces, as topology and patch. All of it is
 /// tissue unless another volume is given.
-struct CutTissue {
-  explicit CutTissue(
+struct TissueInPieces {
+  explicit TissueInPieces(
       const Vector3i& cells, const Field& intensity = [](const Vector3&) { return 1.0; })
       : block(cells), volume(makeVolume(2 * cells + Vector3i::Ones(), 0.5 * kH, intensity)) {
     publish();
@@ -86,7 +86,7 @@ struct CutTissue {
 };
 
 /// Planes and squares across the block, at random.
-inline void cutAtRandom(CutTissue& tissue, int cuts, std::mt19937& random) {
+inline void cutAtRandom(TissueInPieces& tissue, int cuts, std::mt19937& random) {
   std::uniform_real_distribution<double> part(0.0, 1.0);
   std::normal_distribution<double> normal;
   for (int n = 0; n < cuts; ++n) {
