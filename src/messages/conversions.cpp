@@ -468,6 +468,7 @@ ToolForce toMessage(const core::ToolForceCommand& command) {
   message.force = toVector(command.force_n);
   message.point = toPoint(command.point_m);
   message.footprint_radius = command.footprint_radius_m;
+  message.cells = command.cells;
   return message;
 }
 
@@ -478,6 +479,7 @@ core::ToolForceCommand fromMessage(const ToolForce& message) {
   command.force_n = fromVector(message.force);
   command.point_m = fromPoint(message.point);
   command.footprint_radius_m = message.footprint_radius;
+  command.cells = message.cells;
   return command;
 }
 

@@ -23,6 +23,8 @@ constexpr double kMaxTimeStep_s = 10.0;
 constexpr std::uint64_t kMaxRevisionLagSteps = 100;
 /// A sweep between two poses of a device is a fraction of a millimetre; this many in one message is no blade.
 constexpr std::size_t kMaxQuads = 10000;
+/// A tip presses one cell, jaws or a plate a few.
+constexpr std::size_t kMaxPressedCells = 64;
 
 std::string sequenceKey(const char* topic, const std::string& tool_id) {
   return std::string(topic) + " " + tool_id;
@@ -108,6 +110,14 @@ void Session::accept(const char* topic, const ToolCommandHeader& header) {
   sequences_[sequenceKey(topic, header.tool_id)] = header.sequence;
 }
 
+/// The lattice's cells that carry the pieces which a force presses.
+std::vector<std::uint32_t> Session::carriers(const ToolForceCommand& command) const {
+  std::vector<std::uint32_t> cells;
+  for (const std::uint32_t piece : command.cells)
+    cells.push_back(tissue_.embedding().cellOf(piece));
+  return cells;
+}
+
 Verdict Session::apply(const ToolForceCommand& command) {
   const std::string problem = checkHeader(kForceTopic, command.header);
   if (!problem.empty())
@@ -121,11 +131,15 @@ Verdict Session::apply(const ToolForceCommand& command) {
     return {false, "a footprint radius outside (0, 0.1] m"};
   if (!isHoldTime(command.hold_steps))
     return {false, "hold_steps outside [1, 10000]"};
+  const std::size_t pieces = tissue_.mesh().pieces().size();
+  if (command.cells.size() > kMaxPressedCells ||
+      std::any_of(command.cells.begin(), command.cells.end(), [pieces](std::uint32_t c) { return c >= pieces; }))
+    return {false, "a pressed cell that the grid does not have, or more than 64"};
   if (command.force_n.isZero(0.0)) {
     simulation_.releaseForce(command.header.tool_id);
   } else if (!nearLattice(command.point_m) ||
              !simulation_.holdForce(command.header.tool_id, command.force_n, command.point_m,
-                                    command.footprint_radius_m, steps() + command.hold_steps)) {
+                                    command.footprint_radius_m, steps() + command.hold_steps, carriers(command))) {
     return {false, "no tissue lies within the footprint"};
   }
   accept(kForceTopic, command.header);

@@ -50,6 +50,20 @@ double footprintWeight(double distance_m, double radius_m) {
   return w > 0.0 ? w * w : 0.0;
 }
 
+/// How many cells a vertex is away from the nearest of some cells' places; 0 for their corners.
+int ringsApart(const Lattice& lattice, const std::vector<std::uint32_t>& cells, std::uint32_t vertex) {
+  const Vector3i nodes = lattice.dims + Vector3i::Ones();
+  const int node = static_cast<int>(lattice.lattice_nodes[vertex]);
+  const Vector3i place(node % nodes.x(), (node / nodes.x()) % nodes.y(), node / (nodes.x() * nodes.y()));
+  int least = std::numeric_limits<int>::max();
+  for (const std::uint32_t cell : cells) {
+    const Vector3i low = lattice.cellIndex(lattice.parent_cells[cell]);
+    const Vector3i beyond = (low - place).cwiseMax(place - low - Vector3i::Ones());
+    least = std::min(least, std::max(0, beyond.maxCoeff()));
+  }
+  return least;
+}
+
 Box3 boxAround(const Vector3& point_m, double radius_m) {
   const Vector3 r = Vector3::Constant(radius_m);
   return {Vector3(point_m - r), Vector3(point_m + r)};
@@ -158,6 +172,8 @@ struct Simulation::Impl {
   const OracleModel& oracleModel() const;
   const std::vector<Vector3>& forces() const;
   std::vector<std::uint32_t> verticesNear(const Vector3& point_m, double radius_m) const;
+  std::vector<std::uint32_t> joinedTo(const std::vector<std::uint32_t>& cells,
+                                      const std::vector<std::uint32_t>& vertices) const;
   void hold(const std::string& tool_id, HeldGrip grip);
 
   const Lattice* lattice;
@@ -676,6 +692,46 @@ std::vector<std::uint32_t> Simulation::Impl::verticesNear(const Vector3& point_m
   return found;
 }
 
+// Of some vertices, increasing, those that are as many cells away from given cells through tissue as they are through
+// space, or one more: an incision between them makes the way longer. Without replicas there is no incision near.
+std::vector<std::uint32_t> Simulation::Impl::joinedTo(const std::vector<std::uint32_t>& cells,
+                                                      const std::vector<std::uint32_t>& vertices) const {
+  const auto whole = [this](std::uint32_t v) { return lattice->origin_vertices[v] == v; };
+  if (std::all_of(vertices.begin(), vertices.end(), whole))
+    return vertices;
+  constexpr int kFar = std::numeric_limits<int>::max();
+  std::vector<int> rings(vertices.size(), kFar);
+  std::vector<std::uint8_t> seen(lattice->cellCount(), 0);
+  std::vector<std::uint32_t> now = cells;
+  std::vector<std::uint32_t> next;
+  for (int ring = 0; !now.empty(); ++ring, now.swap(next)) {
+    next.clear();
+    for (const std::uint32_t cell : now)
+      seen[cell] = 1;
+    for (const std::uint32_t cell : now) {
+      for (const std::uint32_t v : lattice->cells[cell]) {
+        const auto at = std::lower_bound(vertices.begin(), vertices.end(), v);
+        if (at == vertices.end() || *at != v || rings[std::size_t(at - vertices.begin())] != kFar ||
+            ring > ringsApart(*lattice, cells, v) + 1)
+          continue;
+        rings[std::size_t(at - vertices.begin())] = ring;
+        index.forEachCell(v, [&](const CellCorner& around) {
+          if (seen[around.cell] == 0)
+            next.push_back(around.cell);
+        });
+      }
+    }
+    std::sort(next.begin(), next.end());
+    next.erase(std::unique(next.begin(), next.end()), next.end());
+  }
+  std::vector<std::uint32_t> joined;
+  for (std::size_t n = 0; n < vertices.size(); ++n) {
+    if (rings[n] != kFar)
+      joined.push_back(vertices[n]);
+  }
+  return joined;
+}
+
 void Simulation::Impl::hold(const std::string& tool_id, HeldGrip grip) {
   wakeAround(grip.vertices);
   state.grips[tool_id] = std::move(grip);
@@ -692,12 +748,14 @@ Simulation& Simulation::operator=(Simulation&&) noexcept = default;
 Simulation::~Simulation() = default;
 
 bool Simulation::holdForce(const std::string& tool_id, const Vector3& force_n, const Vector3& point_m, double radius_m,
-                           std::uint64_t expires_at_step) {
+                           std::uint64_t expires_at_step, const std::vector<std::uint32_t>& cells) {
   require(usable(force_n), "a force must be three finite numbers of newtons");
   require(usable(point_m) && radius_m > 0.0 && radius_m <= kLargestInput,
           "the place of a force must be a finite point and a positive radius");
   HeldForce held;
   held.vertices = impl_->verticesNear(point_m, radius_m);
+  if (!cells.empty())
+    held.vertices = impl_->joinedTo(cells, held.vertices);
   double total = 0.0;
   for (const std::uint32_t v : held.vertices) {
     const double distance = (impl_->positions_m[v] - point_m).norm();

@@ -229,6 +229,7 @@ Contact ContactTracker::report(const PatchContact& field, const Hit& hit) const 
   contact.touching = true;
   contact.surface_point_m = surface_point_m_;
   contact.normal = normal_;
+  contact.cell = surface_cell_id_;
   contact.surface_velocity_m_s = field.velocity(hit.inside);
   contact.penetration_m = hit.depth();
   contact.patch_too_small = !hit.at_iso_surface && field.gridGoesOn(hit.inside);

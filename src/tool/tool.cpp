@@ -53,6 +53,7 @@ void Tool::forgetPatch() {
   header_ = {};
   header_.tool_id = config_.id;
   blade_resistance_n_ = 0.0;
+  push_cell_.reset();
   pushing_ = false;
 }
 
@@ -135,6 +136,7 @@ Vector3 Tool::cut(const ToolInput& input, ToolOutput& output) {
   contact_ = {};
   probe_.reset();
   push_point_m_ = input.pose.position_m;
+  push_cell_.reset();
   if (output.cutting)
     return cuttingForce(input.pose.position_m, input.pose_time_s);
   resistance_.reset();
@@ -161,6 +163,7 @@ void Tool::press(const ToolInput& input, Vector3& wish_n) {
   if (!contact_.touching)
     return;
   push_point_m_ = contact_.surface_point_m;
+  push_cell_ = contact_.cell;
   wish_n = result.device_force_n;
 }
 
@@ -195,6 +198,8 @@ void Tool::commandForce(ToolOutput& output) {
   command.force_n = -output.device_force_n;
   command.point_m = push_point_m_;
   command.footprint_radius_m = config_.footprint_radius_m;
+  if (push && push_cell_)
+    command.cells.push_back(*push_cell_);
   output.force = std::move(command);
 }
 

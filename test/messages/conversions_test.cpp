@@ -325,7 +325,9 @@ TEST(Conversions, ForcesAndCutsSurviveTheRoundTrip) {
   force.revision = 4;
   force.step = 123;
   force.apply_at_step = 130;
+  force.cells = {4, 17};
   EXPECT_EQ(toMessage(fromMessage(force)), force);
+  EXPECT_EQ(fromMessage(force).cells, force.cells);
   EXPECT_EQ(fromMessage(force).force_n, core::Vector3(0.02, 0.0, -0.3));
 
   ToolCut cut = cutMessage(9);

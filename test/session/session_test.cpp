@@ -153,6 +153,80 @@ TEST(Session, RefusesCutsThatItCannotUse) {
   refuses([](ToolCutCommand& c) { c.quads[0][2].y() = 1e6; });
 }
 
+/// The piece whose middle is nearest to a point.
+std::uint32_t pieceNear(const Session& session, const Vector3& point_m) {
+  const CutMesh& mesh = session.tissue().mesh();
+  std::uint32_t nearest = 0;
+  double least = HUGE_VAL;
+  for (std::uint32_t piece = 0; piece < mesh.pieces().size(); ++piece) {
+    Vector3 middle = Vector3::Zero();
+    const auto vertices = mesh.verticesOf(piece);
+    for (const std::uint32_t v : vertices)
+      middle += mesh.restPositions()[v] / double(vertices.size());
+    if ((middle - point_m).norm() < least) {
+      least = (middle - point_m).norm();
+      nearest = piece;
+    }
+  }
+  return nearest;
+}
+
+/// Cuts a block in two that stand on fixed ground, presses the lip at +x outwards and returns how far either lip has
+/// gone: the largest move of the mesh's vertices at its top.
+std::array<double, 2> pressLip(bool name_cell) {
+  const auto session = makeSession();
+  ToolCutCommand cut = slice(*session, 1);
+  const double x = 0.0235;
+  cut.quads = {{Vector3(x, -0.01, -0.01), Vector3(x, -0.01, 0.05), Vector3(x, 0.06, 0.05), Vector3(x, 0.06, -0.01)}};
+  cut.lifted = true;
+  EXPECT_TRUE(session->apply(cut).applied);
+  for (int n = 0; n < 800; ++n)
+    session->step();  // the lips open and rest
+  const auto before = session->drawnPositions();
+  for (std::uint64_t n = 0; n < 400; ++n) {
+    ToolForceCommand force = push(*session, n + 1);
+    force.force_n = Vector3(0.1, 0.0, 0.0);
+    force.point_m = Vector3(x, 0.024, 0.026);
+    if (name_cell)
+      force.cells = {pieceNear(*session, force.point_m + Vector3(0.003, 0.0, 0.0))};
+    EXPECT_TRUE(session->apply(force).applied);
+    session->step();
+  }
+  const auto after = session->drawnPositions();
+  std::array<double, 2> moved = {0.0, 0.0};
+  for (std::size_t v = 0; v < after.size(); ++v) {
+    if (session->tissue().mesh().restPositions()[v].z() < 0.020)
+      continue;  // the front moves with either lip
+    const std::uint32_t piece = session->tissue().mesh().piecesAround(std::uint32_t(v)).front();
+    double middle = 0.0;
+    const auto vertices = session->tissue().mesh().verticesOf(piece);
+    for (const std::uint32_t w : vertices)
+      middle += session->tissue().mesh().restPositions()[w].x() / double(vertices.size());
+    double& side = moved[middle < x ? 0 : 1];
+    side = std::max(side, (after[v] - before[v]).norm());
+  }
+  return moved;
+}
+
+TEST(Session, AForceOnOneLipLeavesTheOtherAlone) {
+  const auto named = pressLip(true);
+  EXPECT_GT(named[1], 0.001);
+  EXPECT_LT(named[0], 0.05 * named[1]);
+  const auto nameless = pressLip(false);
+  EXPECT_GT(nameless[0], 0.3 * nameless[1]);  // the footprint spans the gap
+}
+
+TEST(Session, PressedCellsHaveToBeOfTheGrid) {
+  const auto session = makeSession();
+  ToolForceCommand force = push(*session, 1);
+  force.cells = {std::uint32_t(session->tissue().mesh().pieces().size())};
+  EXPECT_FALSE(session->apply(force).applied);
+  force.cells.assign(65, 0);
+  EXPECT_FALSE(session->apply(force).applied);
+  force.cells = {pieceNear(*session, kTop)};
+  EXPECT_TRUE(session->apply(force).applied);
+}
+
 TEST(Session, TheEndOfAStrokeNeedsNoQuads) {
   const auto session = makeSession();
   ToolCutCommand command = slice(*session, 1);

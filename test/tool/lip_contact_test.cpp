@@ -130,6 +130,8 @@ TEST_F(LipContactTest, TheForceGoesToThePressedLip) {
   contact_ = output.contact;
   EXPECT_EQ(lip(), 1);
   EXPECT_EQ(output.force->point_m, contact_.surface_point_m);
+  ASSERT_EQ(output.force->cells.size(), 1U);
+  EXPECT_GT(tissue_.middleOf(output.force->cells[0]).x(), kPlane);
 }
 
 TEST_F(LipContactTest, ASphereRestsOnTheRimsOfANarrowOpening) {

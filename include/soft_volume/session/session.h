@@ -66,8 +66,8 @@ class Session {
   Session& operator=(const Session&) = delete;
 
   /// Refused: another session, a revision that was not current within the last 100 steps, an old sequence number, a
-  /// tool that the scene does not have, a value that is not finite or out of range, a footprint without tissue, a step
-  /// that has passed.
+  /// tool that the scene does not have, a value that is not finite or out of range, a footprint without tissue, a
+  /// pressed cell that the grid does not have, a step that has passed.
   Verdict apply(const ToolForceCommand& command);
   /// Refused for the same reasons, and without quads unless the blade was lifted. A cut that meets no tissue is applied
   /// and changes nothing.
@@ -114,6 +114,7 @@ class Session {
   void accept(const char* topic, const ToolCommandHeader& header);
   bool nearLattice(const Vector3& point_m) const;
 
+  std::vector<std::uint32_t> carriers(const ToolForceCommand& command) const;
   std::string grip(const ToolGripCommand& command);
 
   Scene scene_;

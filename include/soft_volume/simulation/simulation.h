@@ -99,9 +99,10 @@ class Simulation {
   /// positions), replacing the tool's previous force, and wakes the cells around. The mass keeps a corner that hangs on
   /// one cell from getting the load of eight, which would push it through its cell. Returns false and changes nothing
   /// when no vertex lies within the radius. Each vertex's share is saturated at a bound that scales with its stiffness
-  /// times the cell edge.
+  /// times the cell edge. Where cells of the lattice are given, vertices that an incision parts from them take no part:
+  /// those that are more than one cell farther from them through tissue than through space.
   bool holdForce(const std::string& tool_id, const Vector3& force_n, const Vector3& point_m, double radius_m,
-                 std::uint64_t expires_at_step);
+                 std::uint64_t expires_at_step, const std::vector<std::uint32_t>& cells = {});
   /// Lets a tool's force end now.
   void releaseForce(const std::string& tool_id);
 

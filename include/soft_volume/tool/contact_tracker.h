@@ -14,6 +14,7 @@ struct Contact {
   Vector3 surface_point_m = Vector3::Zero();       ///< on the deformed surface, on the line through the tip
   Vector3 normal = Vector3::Zero();                ///< outward unit vector
   Vector3 surface_velocity_m_s = Vector3::Zero();  ///< of the tissue at the surface point
+  std::uint32_t cell = PatchContact::kNoCell;      ///< the topology's number of the cell that it lies on
   double penetration_m = 0.0;                      ///< of the sphere's lowest point below the surface, along the normal
   bool patch_too_small = false;  ///< the surface lies beyond the patch: the penetration is a lower bound
 };

@@ -142,6 +142,7 @@ class Tool {
   std::uint64_t cut_sequence_;
   Contact contact_;
   Vector3 push_point_m_ = Vector3::Zero();  // where the tissue feels the force
+  std::optional<std::uint32_t> push_cell_;  // the topology's number of the cell that is pressed
   bool pushing_ = false;                    // the tissue's last command was not zero
   bool in_incision_ = false;
   double blade_resistance_n_ = 0.0;  // of the newest patch

@@ -27,6 +27,7 @@ struct ToolForceCommand {
   Vector3 force_n = Vector3::Zero();
   Vector3 point_m = Vector3::Zero();
   double footprint_radius_m = 0.0;
+  std::vector<std::uint32_t> cells;  ///< of the topology; what an incision parts from them is left alone
 };
 
 /// A quad swept by a blade's edge on the deformed tissue: tip and heel before, heel and tip after; volume frame,
