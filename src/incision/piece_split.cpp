@@ -15,7 +15,7 @@ namespace {
 using Loop = std::vector<std::uint32_t>;
 
 /// A dent may be this share of the piece's least width.
-constexpr double kDentOfWidth = 0.25;
+constexpr double kDentOfWidth = 0.35;
 /// Of a face, in squares of the least edge: a chord along a straight edge leaves none.
 constexpr double kLeastArea = 1e-2;
 /// Distance of a vertex from an edge that it seems to lie on, in least edges.
