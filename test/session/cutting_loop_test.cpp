@@ -1,0 +1,114 @@
+// A scalpel and a simulation in one loop: what the hand does while it cuts goes into new surface.
+
+#include <gtest/gtest.h>
+
+#include "small_scene.h"
+#include "soft_volume/grid/cell_shape.h"
+#include "soft_volume/incision/piece_shape.h"
+
+namespace soft_volume::core {
+namespace {
+
+constexpr double kToughness = 40.0;  // J/m^2
+constexpr double kTip = 0.0215;      // height of the blade's tip
+constexpr double kLength = 0.048;
+constexpr double kPeriod = 0.001;
+constexpr int kStepsPerPatch = 4;
+
+Scene toughScene() {
+  Scene scene = smallScene();
+  scene.materials[0].cut_resistance_j_m2 = kToughness;
+  scene.materials[0].youngs_modulus_pa = 20000.0;
+  for (ToolConfig& tool : scene.tools)
+    tool.coupling.device_damping_n_s_m = 1.0;  // so that the spring that renders it takes little of the work
+  return scene;
+}
+
+/// Area that incisions opened, at rest, of one of both lips [m^2].
+double openedArea(const Topology& topology) {
+  std::vector<Vector3> points;
+  for (const Vector3f& p : topology.rest_positions)
+    points.push_back(p.cast<double>());
+  double area = 0.0;
+  std::size_t at = 0;
+  for (std::size_t c = 0; c < topology.cellCount(); ++c) {
+    forEachFace(topology.cell_types[c], &topology.connectivity[topology.cell_offsets[c]],
+                [&](std::size_t, const std::uint32_t* loop, std::size_t size) {
+                  if (topology.cut_faces[at++] != 0)
+                    area += 0.25 * areaVector(points, {loop, loop + size}).norm();
+                });
+  }
+  return area;
+}
+
+/// A hand that leads the blade at a constant speed, whatever it feels.
+class CuttingLoop {
+ public:
+  CuttingLoop() : session_(toughScene(), smallVolume(), nullptr, 5, 1), tool_(*session_.scene().findTool("scalpel")) {
+    tool_.setVolume(session_.volume());
+    tool_.setTopology(std::make_shared<const Topology>(session_.topology()));
+    input_.buttons.set(tool_.config().cut_button);
+  }
+
+  void stroke(const Vector3& from, const Vector3& to, double speed_m_s) {
+    const int steps = int(std::lround((to - from).norm() / (speed_m_s * kPeriod)));
+    for (int n = 0; n <= steps; ++n)
+      step(from + double(n) / steps * (to - from));
+  }
+  double work() const { return work_j_; }
+  double largestForce() const { return largest_n_; }
+  int refused() const { return refused_; }
+  const Session& session() const { return session_; }
+
+ private:
+  void step(const Vector3& tip) {
+    if (session_.steps() % kStepsPerPatch == 0) {
+      tool_.setTopology(std::make_shared<const Topology>(session_.topology()));
+      tool_.setPatch(session_.patch("scalpel", tip, tool_.config().patch_radius_m));
+    }
+    const Vector3 before = input_.pose.position_m;
+    input_.pose.position_m = tip;
+    input_.time_s = input_.pose_time_s = session_.steps() * kPeriod;
+    const ToolOutput output = tool_.update(input_);
+    if (session_.steps() > 0)
+      work_j_ -= 0.5 * (force_n_ + output.device_force_n).dot(tip - before);
+    force_n_ = output.device_force_n;
+    largest_n_ = std::max(largest_n_, force_n_.norm());
+    refused_ += output.cut && !session_.apply(*output.cut).applied ? 1 : 0;
+    refused_ += output.force && !session_.apply(*output.force).applied ? 1 : 0;
+    session_.step();
+  }
+
+  Session session_;
+  Tool tool_;
+  ToolInput input_;
+  Vector3 force_n_ = Vector3::Zero();
+  double work_j_ = 0.0;
+  double largest_n_ = 0.0;
+  int refused_ = 0;
+};
+
+TEST(CuttingLoop, TheHandsWorkIsTheFractureEnergy) {
+  for (const double speed : {0.03, 0.08}) {
+    CuttingLoop loop;
+    const double x = 0.0211;
+    loop.stroke({x, -0.016, kTip}, {x, 0.060, kTip}, speed);
+    const Topology topology = loop.session().topology();
+    const double area = openedArea(topology);
+    float top = 0.0F;
+    for (const Vector3f& p : topology.rest_positions)
+      top = std::max(top, p.z());
+    const double depth = top - kTip;
+    EXPECT_NEAR(area, kLength * depth, 0.06 * kLength * depth);
+    EXPECT_EQ(loop.refused(), 0);
+    const double energy = kToughness * area;
+    // The first quad is cut, and felt, when the blade is half a cell on: a twelfth of this stroke.
+    EXPECT_NEAR(loop.work(), energy, 0.15 * energy) << speed;
+    EXPECT_NEAR(loop.largestForce(), kToughness * depth, 0.35 * kToughness * depth) << speed;
+    std::cout << "[ work     ] " << speed << " m/s: work " << 1e3 * loop.work() << " mJ, fracture energy "
+              << 1e3 * energy << " mJ, area " << 1e6 * area << " mm^2, largest force " << loop.largestForce() << " N\n";
+  }
+}
+
+}  // namespace
+}  // namespace soft_volume::core
