@@ -183,6 +183,13 @@ void grow(Session& session, int threads, Results& results, const Progress& progr
   results.pictures.push_back({"growth_after", painter.section(kGrowthCentre_m)});
 }
 
+std::size_t countSplitCells(const Session& session) {
+  std::size_t count = 0;
+  for (std::uint32_t cell = 0; cell < session.lattice().cellCount(); ++cell)
+    count += session.tissue().mesh().piecesOfCell(cell).size() > 1 ? 1 : 0;
+  return count;
+}
+
 /// The scripted hand's part: it presses with the probe, lets go, and cuts with the scalpel.
 class Hand {
  public:
@@ -199,6 +206,7 @@ class Hand {
       throw Error("the session refused an input of the hand: " + run_.refusal());
     results.push = pressing_.medians();
     results.incision = cutting_.medians();
+    results.cells_cut = countSplitCells(session_);
     keep(results, "push", std::move(pressed_));
     keep(results, "incision", std::move(cut_));
     keep(results, "incision_open", painter_.skin());

@@ -35,9 +35,10 @@ struct Results {
   Cost incision;
   std::size_t cells = 0;
   double dt_s = 0.0;
-  double grown_m = 0.0;   ///< largest displacement by the growth
-  double pushed_m = 0.0;  ///< by the push
-  double opened_m = 0.0;  ///< by the incision
+  std::size_t cells_cut = 0;  ///< split by the incision
+  double grown_m = 0.0;       ///< largest displacement by the growth
+  double pushed_m = 0.0;      ///< by the push
+  double opened_m = 0.0;      ///< by the incision
   std::vector<Picture> pictures;
 };
 

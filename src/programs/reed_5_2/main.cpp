@@ -70,8 +70,10 @@ void printRatios(const Cost& push, const Cost& incision) {
 
 void print(const Results& results) {
   std::printf("%zu cells, time step %.3g ms, %d steps a frame\n", results.cells, 1e3 * results.dt_s, kStepsPerFrame);
-  std::printf("growth moved the tissue by up to %.1f mm, the push by %.1f mm; the incision opened by %.1f mm\n\n",
-              1e3 * results.grown_m, 1e3 * results.pushed_m, 1e3 * results.opened_m);
+  std::printf(
+      "growth moved the tissue by up to %.1f mm, the push by %.1f mm; the incision cut %zu cells and opened by "
+      "%.1f mm\n\n",
+      1e3 * results.grown_m, 1e3 * results.pushed_m, results.cells_cut, 1e3 * results.opened_m);
   std::printf("  %-44s %12s %12s %12s\n", "medians", "1997", "push", "incision");
   printRow("active cells", 144.0, results.push, results.incision, &Cost::active_cells);
   printRow("step, ms", kStep1997_ms, results.push, results.incision, &Cost::step_ms);
@@ -91,6 +93,7 @@ nlohmann::json toJson(const Cost& cost) {
 void writeJson(const std::string& path, const Results& results) {
   const nlohmann::json json = {{"cells", results.cells},
                                {"dt_s", results.dt_s},
+                               {"cells_cut", results.cells_cut},
                                {"steps_per_frame", kStepsPerFrame},
                                {"dissertation", toJson({0, kStep1997_ms, kFrame1997_ms, kUpdated1997_ms, 144.0})},
                                {"growth", toJson(results.growth)},
