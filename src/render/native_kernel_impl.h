@@ -1079,16 +1079,51 @@ __attribute__((noinline)) void leave(const CompositeJob& job, const PixelState& 
   rays.sample.value = select(leaving, nothing(), rays.sample.value);
 }
 
+/// Near a boundary face of a warped cell a slice may end on the other side of it: the slice's side is the straight line
+/// between two edges, the face is triangles. There the face decides.
+struct Disputed {
+  Ints entered;  ///< a face says inside: what the plane lacks does not end the ray
+  Ints left;     ///< a face says outside: what the plane has does not begin it
+};
+
+/// For a plane at depth z, whose events up to there have been passed. Where what overlaps or faces away makes entries
+/// and exits follow each other in another order than in turn, a face counts for one distance of planes only.
+SOFT_VOLUME_INLINE Disputed disputedAt(const CompositeJob& job, const Rays& rays, float z) {
+  Disputed disputed{};
+  const EventView& events = job.events;
+  for (int n = 0; n < kPixelLanes; ++n) {
+    const auto pixel = std::size_t(rays.pixel + n);
+    const auto place = [&](int event) { return std::size_t(event) * kTilePixels + pixel; };
+    const int next = events.next[pixel];
+    const float last_z = next > 0 ? events.z[place(next - 1)] : -kHuge;
+    const float next_z = events.z[place(next)];
+    const bool is_near = next_z - z < job.distance;
+    const bool was_near = z - last_z < job.distance;
+    const bool entered = next > 0 && events.entering[place(next - 1)] != 0;
+    const bool enters = next_z < kHuge && events.entering[place(next)] != 0;
+    const bool no_plane_since = entered && rays.z[n] == last_z;
+    disputed.entered[n] = no_plane_since || (is_near && !enters) ? -1 : 0;
+    disputed.left[n] = (enters && !entered) || (was_near && !entered) || (is_near && enters) ? -1 : 0;
+  }
+  return disputed;
+}
+
 template <SampleKind kind, bool shaded>
 __attribute__((noinline)) std::size_t passPlane(const CompositeJob& job, const PixelState& state, Rays& rays, int plane,
                                                 int at, const Floats& jitter) {
   const bool extra = job.extra[plane] != 0;
   const Ints inside = isNumber(rays.sample.value);
   Sample sample = readSample<kind>(job, plane, at);
+  Ints held{};
+  if (job.events.count > 0 && any(inside ^ isNumber(sample.value))) {
+    const Disputed disputed = disputedAt(job, rays, job.z[plane]);
+    held = disputed.entered;
+    sample.value = select(disputed.left & ~inside, nothing(), sample.value);
+  }
   Ints in_sight;
   const bool seen = kind != SampleKind::kTexture || fetchEnds(job, rays, inside, job.z[plane], sample, in_sight);
   const Ints hit = isNumber(sample.value);
-  const Ints leaving = inside & ~hit;
+  const Ints leaving = inside & ~hit & ~held;
   if (!extra && any(leaving))
     leave<kind, shaded>(job, state, rays, leaving);
   const int hits = bitsOf(hit);
@@ -1374,8 +1409,11 @@ SOFT_VOLUME_INLINE std::size_t compositeBlock(const CompositeJob& job, const Pix
     }
     if ((hits >> plane & 1) == 0) {
       if (is_inside && job.extra[plane] == 0) {
-        leave<kind, shaded>(job, state, rays, isNumber(rays.sample.value));
-        is_inside = false;
+        Ints leaving = isNumber(rays.sample.value);
+        if (job.events.count > 0)
+          leaving &= ~disputedAt(job, rays, job.z[plane]).entered;
+        leave<kind, shaded>(job, state, rays, leaving);
+        is_inside = any(isNumber(rays.sample.value));
       }
       continue;
     }

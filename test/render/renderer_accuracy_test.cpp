@@ -182,5 +182,60 @@ TEST(GlAgainstExactAndNative, AdaptiveSlicesTakeNoDepthTwice) {
 INSTANTIATE_TEST_SUITE_P(All, NativeAgainstExact, testing::ValuesIn(allSubjects()),
                          [](const auto& info) { return info.param.name; });
 
+/// How many inner pixels of what is opaque in both images are farther off than the mean around them by more than a
+/// level, and how many there are.
+std::array<std::size_t, 2> countHatches(const Frame& frame, const Frame& exact) {
+  std::array<std::size_t, 2> counts{};
+  const auto at = [&](int x, int y) { return std::size_t(4) * std::size_t(y * exact.width + x); };
+  for (int y = 1; y + 1 < exact.height; ++y) {
+    for (int x = 1; x + 1 < exact.width; ++x) {
+      double mean = 0.0;
+      bool is_opaque = true;
+      for (int n = 0; n < 9; ++n) {
+        const std::size_t i = at(x + n % 3 - 1, y + n / 3 - 1);
+        is_opaque = is_opaque && frame.rgba[i + 3] > 0.99F && exact.rgba[i + 3] > 0.99F;
+        mean += (double(frame.rgba[i]) - double(exact.rgba[i])) / 9.0;
+      }
+      if (!is_opaque)
+        continue;
+      const double error = double(frame.rgba[at(x, y)]) - double(exact.rgba[at(x, y)]);
+      counts[0] += std::abs(error - mean) > 1.0 / 255.0 ? 1 : 0;
+      ++counts[1];
+    }
+  }
+  return counts;
+}
+
+/// Opaque, its grey is the depth: where a ray enters too late, its pixel is darker than those around it.
+TEST(ExactBoundary, HasNoHatchesOnWarpedFaces) {
+  TransferFunction ramp;
+  ramp.points = {{-5.0, Vector3f::Zero(), 1.0F}, {5.0, Vector3f::Ones(), 1.0F}};
+  ramp.unit_distance_m = 0.02;
+  const Vector3 eye(3, -5, 8);
+  const Camera camera = Camera::lookAt(eye, Vector3::Zero(), Vector3::UnitZ(), 0.6, 200, 150);
+  RenderOptions options;
+  options.slices = 30;
+  options.shading = 0.0;
+  options.threads = 2;
+  options.exact_boundary = true;
+  for (const CubeParts parts : {CubeParts::kHexahedra, CubeParts::kPolyhedra, CubeParts::kPentagons}) {
+    IrregularGrid grid = makeWarpedGrid(parts, 4, 0.1F, kSeed);
+    for (std::size_t i = 0; i < grid.points.size(); ++i)
+      grid.point_scalars[i] = grid.points[i].dot(eye.normalized().cast<float>());
+    std::array<Frame, 2> frames;
+    for (const Backend backend : {Backend::kNative, Backend::kExact}) {
+      Renderer renderer(backend);
+      renderer.setTransferFunction(ramp);
+      renderer.setGrid(grid);
+      frames[backend == Backend::kExact ? 1 : 0] = renderer.render(camera, options);
+    }
+    const auto [off, all] = countHatches(frames[0], frames[1]);
+    std::printf("%-10s %zu of %zu pixels are off\n", nameOf(parts).c_str(), off, all);
+    EXPECT_GT(all, 10000U);
+    // Along the creases of the triangles; 1,100 where slices decided.
+    EXPECT_LT(double(off), 0.02 * double(all)) << nameOf(parts);
+  }
+}
+
 }  // namespace
 }  // namespace soft_volume::core
