@@ -5,9 +5,10 @@ find_package(catkin REQUIRED COMPONENTS
 
 add_message_files(DIRECTORY msg FILES
   GridPatch.msg GridState.msg GridTopology.msg HeldForce.msg HeldGrip.msg IncisionState.msg JournalEntry.msg
-  RecorderStatus.msg RenderStats.msg Scene.msg SimulationCheckpoint.msg SimulationControl.msg SimulationJournal.msg
+  PartRemoval.msg RecorderStatus.msg RenderStats.msg Scene.msg SimulationCheckpoint.msg SimulationControl.msg SimulationJournal.msg
   SimulationStats.msg StrokeState.msg ToolCut.msg ToolForce.msg ToolGrip.msg ToolState.msg Volume.msg)
-add_service_files(DIRECTORY srv FILES RestoreCheckpoint.srv SaveCheckpoint.srv SetIntegrator.srv StepSimulation.srv)
+add_service_files(DIRECTORY srv FILES
+  RemovePart.srv RestoreCheckpoint.srv SaveCheckpoint.srv SetIntegrator.srv StepSimulation.srv)
 generate_messages(DEPENDENCIES geometry_msgs std_msgs)
 generate_dynamic_reconfigure_options(cfg/Renderer.cfg)
 

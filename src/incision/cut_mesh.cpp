@@ -139,6 +139,10 @@ CutMesh::CutMesh(const Lattice& lattice, const std::vector<Source>& sources, std
     takeFace(f);
   pieces_around_.resize(vertexCount());
   for (std::uint32_t p = 0; p < pieces_.size(); ++p) {
+    if (pieces_[p].faces.empty()) {
+      eraseSorted(pieces_of_cell_[pieces_[p].cell], p);
+      continue;
+    }
     requireClosed(p);
     for (const std::uint32_t v : verticesOf(p))
       pieces_around_[v].push_back(p);
@@ -158,6 +162,8 @@ void CutMesh::takePiece(std::uint32_t number) {
 
 void CutMesh::takeFace(std::uint32_t number) {
   const Face& face = faces_[number];
+  if (face.loop.empty() && face.pieces[0] == kNone && face.pieces[1] == kNone)
+    return;  // removed
   Numbers vertices = face.loop;
   std::sort(vertices.begin(), vertices.end());
   require(vertices.size() >= 3 && vertices.back() < vertexCount() &&
@@ -322,6 +328,22 @@ void CutMesh::openFace(std::uint32_t face) {
   eraseSorted(piece.faces, face);
   piece.faces.push_back(number);
   faces_.push_back(std::move(lip));
+}
+
+void CutMesh::removePieces(const Numbers& pieces) {
+  for (const std::uint32_t piece : pieces) {
+    for (const std::uint32_t v : verticesOf(piece))
+      eraseSorted(pieces_around_[v], piece);
+    eraseSorted(pieces_of_cell_[pieces_[piece].cell], piece);
+  }
+  for (const std::uint32_t piece : pieces) {
+    for (const std::uint32_t f : pieces_[piece].faces) {
+      faces_[f].loop.clear();
+      faces_[f].pieces = {kNone, kNone};
+    }
+    pieces_[piece].faces.clear();
+  }
+  changed_pieces_.insert(changed_pieces_.end(), pieces.begin(), pieces.end());
 }
 
 /// Group of each of the pieces around a vertex, named by the place of its first piece.

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "soft_volume/incision/face_cut.h"
+#include "soft_volume/incision/piece_shape.h"
 
 namespace soft_volume::core {
 namespace {
@@ -66,7 +67,7 @@ void CutTissue::placeVertices(const Lattice& lattice, const std::vector<Vector3>
     for (const std::uint32_t piece : mesh_.piecesOfCell(cell)) {
       for (const std::uint32_t f : mesh_.pieces()[piece].faces) {
         for (const std::uint32_t v : mesh_.faces()[f].loop)
-          positions_m_[v] = embedding_.place(mesh_, lattice, positions_m, v);
+          positions_m_[v] = placeOf(lattice, positions_m, v);
       }
     }
   });
@@ -106,7 +107,7 @@ IncisionResult CutTissue::cutPieces(const Lattice& lattice, const std::vector<Ma
   if (stroke.joint()) {
     for (const TissuePlace& place : under_way.joint) {
       for (const std::uint32_t v : place.vertices)
-        positions_m_[v] = embedding_.place(mesh_, lattice, positions_m, v);
+        positions_m_[v] = placeOf(lattice, positions_m, v);
     }
     stroke.moveJoint({nowAt(under_way.joint[0], positions_m_), nowAt(under_way.joint[1], positions_m_)});
   }
@@ -154,27 +155,84 @@ IncisionResult CutTissue::cut(Lattice& lattice, const std::vector<Material>& mat
   return result;
 }
 
-std::vector<Vector3> CutTissue::atMesh(const Lattice& lattice, const std::vector<Vector3>& values) const {
-  std::vector<Vector3> at_mesh(mesh_.vertexCount());
-  if (lattice.revision == 1)  // the same vertices
+Vector3 CutTissue::placeOf(const Lattice& lattice, const std::vector<Vector3>& positions_m,
+                           std::uint32_t vertex) const {
+  return mesh_.piecesAround(vertex).empty() ? mesh_.restPositions()[vertex]
+                                            : embedding_.place(mesh_, lattice, positions_m, vertex);
+}
 
-    return values;
-  for (std::uint32_t v = 0; v < at_mesh.size(); ++v)
-    at_mesh[v] = embedding_.place(mesh_, lattice, values, v);
-  return at_mesh;
+std::vector<Vector3> CutTissue::drawnPositions(const Lattice& lattice, const std::vector<Vector3>& positions_m) const {
+  if (lattice.revision == 1)  // the same vertices
+    return positions_m;
+  std::vector<Vector3> drawn(mesh_.vertexCount());
+  for (std::uint32_t v = 0; v < drawn.size(); ++v)
+    drawn[v] = placeOf(lattice, positions_m, v);
+  return drawn;
 }
 
 double CutTissue::opening(const Lattice& lattice, const std::vector<Vector3>& positions_m) const {
   double opening_m = 0.0;
   for (auto v = static_cast<std::uint32_t>(lattice_vertices_); v < mesh_.vertexCount(); ++v) {
     const CutMesh::Source& source = mesh_.source(v);
-    if (source.a == source.b) {
-      opening_m = std::max(opening_m, (embedding_.place(mesh_, lattice, positions_m, v) -
-                                       embedding_.place(mesh_, lattice, positions_m, source.a))
-                                          .norm());
+    const bool was_parted = source.a == source.b && !mesh_.piecesAround(v).empty();
+    if (was_parted && !mesh_.piecesAround(source.a).empty()) {
+      const Vector3 here = embedding_.place(mesh_, lattice, positions_m, v);
+      opening_m = std::max(opening_m, (here - embedding_.place(mesh_, lattice, positions_m, source.a)).norm());
     }
   }
   return opening_m;
+}
+
+std::vector<TissuePart> CutTissue::parts(const Lattice& lattice) const {
+  const std::vector<std::uint32_t> islands = mesh_.islands();
+  std::map<std::uint32_t, TissuePart> found;
+  for (std::uint32_t p = 0; p < islands.size(); ++p) {
+    if (mesh_.pieces()[p].faces.empty())
+      continue;
+    TissuePart& part = found.try_emplace(islands[p], TissuePart{islands[p], 0, 0.0}).first->second;
+    ++part.pieces;
+    const bool is_whole =
+        mesh_.piecesOfCell(mesh_.pieces()[p].cell).size() == 1 && lattice.shares[embedding_.cellOf(p)] == 1.0;
+    part.volume_m3 += is_whole ? lattice.spacing_m.prod() : volumeOf(solidOf(mesh_, p));
+  }
+  std::vector<TissuePart> parts;
+  for (const auto& entry : found)
+    parts.push_back(entry.second);
+  std::stable_sort(parts.begin(), parts.end(),
+                   [](const TissuePart& a, const TissuePart& b) { return a.volume_m3 > b.volume_m3; });
+  return parts;
+}
+
+std::vector<std::uint32_t> CutTissue::removePart(Lattice& lattice, std::uint32_t piece) {
+  const std::vector<std::uint32_t> islands = mesh_.islands();
+  std::vector<std::uint32_t> pieces;
+  std::vector<std::uint32_t> vertices;
+  for (std::uint32_t p = 0; p < islands.size(); ++p) {
+    if (islands[p] != islands[piece] || mesh_.pieces()[p].faces.empty())
+      continue;
+    pieces.push_back(p);
+    // A cell that carries pieces of a part carries no others.
+    const std::uint32_t cell = embedding_.cellOf(p);
+    lattice.shares[cell] = 0.0;
+    lattice.surface_shares[cell].fill(0.0);
+    lattice.face_neighbours[cell].fill(Lattice::kNone);
+    vertices.insert(vertices.end(), lattice.cells[cell].begin(), lattice.cells[cell].end());
+  }
+  std::sort(vertices.begin(), vertices.end());
+  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+  // As it was built, a lattice may have parts that meet in a vertex.
+  std::vector<std::uint8_t> is_used(lattice.vertexCount(), 0);
+  for (std::size_t cell = 0; cell < lattice.cellCount(); ++cell) {
+    for (const std::uint32_t v : lattice.cells[cell])
+      is_used[v] |= lattice.shares[cell] > 0.0 ? 1 : 0;
+  }
+  vertices.erase(std::remove_if(vertices.begin(), vertices.end(), [&](std::uint32_t v) { return is_used[v] != 0; }),
+                 vertices.end());
+  for (const std::uint32_t v : vertices)
+    lattice.fixed[v] = lattice.fixed[v] == 0 ? Lattice::kRemoved : lattice.fixed[v];
+  mesh_.removePieces(pieces);
+  lattice.revision += pieces.empty() ? 0 : 1;
+  return vertices;
 }
 
 }  // namespace soft_volume::core

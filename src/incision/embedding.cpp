@@ -53,19 +53,6 @@ int faceOfLoop(const Lattice& lattice, std::uint32_t cell, const std::vector<Vec
   return -1;
 }
 
-double volumeOfPiece(const CutMesh& mesh, std::uint32_t piece) {
-  const Numbers vertices = mesh.verticesOf(piece);
-  Polyhedron solid;
-  for (const std::uint32_t v : vertices)
-    solid.points_m.push_back(mesh.restPositions()[v]);
-  for (Numbers loop : mesh.loopsOf(piece)) {
-    for (std::uint32_t& v : loop)
-      v = static_cast<std::uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) - vertices.begin());
-    solid.loops.push_back(std::move(loop));
-  }
-  return volumeOf(solid);
-}
-
 /// One update: what the mesh changed since `seen_faces` is brought to the lattice.
 class Update {
  public:
@@ -162,16 +149,28 @@ class Update {
     std::vector<double> volumes(copies.size(), 0.0);
     for (const std::uint32_t piece : pieces) {
       const auto place = std::find(copies.begin(), copies.end(), cells_of_pieces_[piece]) - copies.begin();
-      volumes[static_cast<std::size_t>(place)] += volumeOfPiece(mesh_, piece);
+      volumes[static_cast<std::size_t>(place)] += volumeOf(solidOf(mesh_, piece));
     }
     const double whole = lattice_.spacing_m.prod();
     const auto largest = static_cast<std::size_t>(std::max_element(volumes.begin(), volumes.end()) - volumes.begin());
-    double rest = 1.0;
+    double rest = shareOf(copies);
     for (std::size_t n = 0; n < copies.size(); ++n) {
       lattice_.shares[copies[n]] = volumes[n] / whole;
       rest -= n == largest ? 0.0 : volumes[n] / whole;
     }
     lattice_.shares[copies[largest]] = rest;
+  }
+
+  /// What the copies of a cell share: all of it, less what was removed.
+  double shareOf(const Numbers& copies) const {
+    double sum = 0.0;
+    bool removed = false;
+    for (std::int32_t cell = static_cast<std::int32_t>(lattice_.firstCell(copies[0])); cell != Lattice::kNone;
+         cell = lattice_.next_cells[static_cast<std::size_t>(cell)]) {
+      sum += lattice_.shares[static_cast<std::size_t>(cell)];
+      removed |= std::find(copies.begin(), copies.end(), static_cast<std::uint32_t>(cell)) == copies.end();
+    }
+    return removed ? sum : 1.0;
   }
 
   template <typename Visit>
@@ -237,6 +236,9 @@ class Update {
     return vertex;
   }
 
+  /// In the lattice as it was built.
+  bool wasFixed(std::uint32_t vertex) const { return lattice_.fixed[originalVertex(vertex)] == 1; }
+
   /// Calls visit(place in the cell) for the mesh vertices of a body until it says true.
   template <typename Visit>
   bool anyVertexOf(std::uint32_t cell, const Visit& visit) const {
@@ -276,7 +278,7 @@ class Update {
                return false;
              for (int c = 0; c < 8; ++c) {
                const std::uint32_t v = lattice_.cells[member.cell][static_cast<std::size_t>(c)];
-               if (belongs(c) && !lattice_.fixed[originalVertex(v)])
+               if (belongs(c) && !wasFixed(v))
                  return false;
              }
              return true;
@@ -320,7 +322,7 @@ class Update {
   }
 
   void giveVertices(const std::vector<Numbers>& groups) {
-    const bool fixed = lattice_.fixed[originalVertex(vertexOf(members_[0]))] != 0;
+    const bool fixed = wasFixed(vertexOf(members_[0]));
     std::vector<std::uint32_t> before;
     for (const Numbers& group : groups)
       before.push_back(vertexOf(members_[group[0]]));

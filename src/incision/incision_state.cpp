@@ -34,6 +34,7 @@ void checkCopies(const IncisionState& state, const Lattice& built) {
             "a cell is a copy of none");
   }
   for (std::uint32_t v = 0; v < vertices; ++v) {
+    require(state.fixed[v] <= Lattice::kRemoved, "a vertex is neither free nor fixed nor removed");
     const std::uint32_t origin = state.origin_vertices[v];
     require(v < built.vertexCount() ? origin == v : origin < v, "a vertex is a replica of none");
   }
@@ -92,12 +93,17 @@ void checkNumbers(const Lattice& lattice, std::uint32_t cell) {
           "a share is not within [0, 1]");
 }
 
-void checkShares(const Lattice& lattice) {
-  for (const std::int32_t first : lattice.cell_at) {
+void checkShares(const Lattice& lattice, const CutMesh& mesh) {
+  std::vector<std::uint8_t> removed(lattice.cell_at.size(), 0);
+  for (const CutMesh::Piece& piece : mesh.pieces())
+    removed[lattice.parent_cells[piece.cell]] |= piece.faces.empty() ? 1 : 0;
+  for (std::size_t place = 0; place < lattice.cell_at.size(); ++place) {
+    const std::int32_t first = lattice.cell_at[place];
     double sum = first == Lattice::kNone ? 1.0 : 0.0;
     for (std::int32_t cell = first; cell != Lattice::kNone; cell = lattice.next_cells[static_cast<std::size_t>(cell)])
       sum += lattice.shares[static_cast<std::size_t>(cell)];
-    require(std::abs(sum - 1.0) <= kShareTolerance, "the shares of a place do not sum to 1");
+    require(sum <= 1.0 + kShareTolerance && (removed[place] != 0 || sum >= 1.0 - kShareTolerance),
+            "the shares of a place do not sum to 1");
   }
 }
 
@@ -169,8 +175,8 @@ CutTissue::CutTissue(const IncisionState& state, Lattice& lattice, const Incisio
       checkNeighbours(restored, cell);
       checkNumbers(restored, cell);
     }
-    checkShares(restored);
     mesh_ = CutMesh(lattice, state.sources, state.faces, state.pieces);
+    checkShares(restored, mesh_);
     checkCarriers(state, restored);
     embedding_ = Embedding(mesh_, state.cells_of_pieces);
     positions_m_.assign(mesh_.vertexCount(), Vector3::Zero());

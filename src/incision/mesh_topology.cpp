@@ -114,7 +114,8 @@ class MeshDescription {
     const CutMesh::Source& source = mesh_.source(v);
     topology_.rest_positions.push_back(rest_m.cast<float>());
     topology_.texture_coordinates.push_back(volume_.toTexture(rest_m).cast<float>());
-    topology_.fixed.push_back(isOfLattice(mesh_, v) ? lattice_.fixed[v] : std::uint8_t(isFixed(mesh_, lattice_, v)));
+    topology_.fixed.push_back(isOfLattice(mesh_, v) ? std::uint8_t(lattice_.fixed[v] != 0)
+                                                    : std::uint8_t(isFixed(mesh_, lattice_, v)));
     const std::uint32_t origin = source.a == source.b ? source.a : v;
     topology_.origin_vertices.push_back(isOfLattice(mesh_, v) ? lattice_.origin_vertices[v] : origin);
   }

@@ -81,6 +81,19 @@ Vector3 areaVector(const std::vector<Vector3>& points_m, const std::vector<std::
   return sum;
 }
 
+Polyhedron solidOf(const CutMesh& mesh, std::uint32_t piece) {
+  const std::vector<std::uint32_t> vertices = mesh.verticesOf(piece);
+  Polyhedron solid;
+  for (const std::uint32_t v : vertices)
+    solid.points_m.push_back(mesh.restPositions()[v]);
+  for (std::vector<std::uint32_t> loop : mesh.loopsOf(piece)) {
+    for (std::uint32_t& v : loop)
+      v = static_cast<std::uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) - vertices.begin());
+    solid.loops.push_back(std::move(loop));
+  }
+  return solid;
+}
+
 bool isClosed(const Polyhedron& solid) {
   std::vector<Edge> edges;
   forEachEdge(solid, [&](std::uint32_t a, std::uint32_t b) { edges.emplace_back(a, b); });

@@ -19,6 +19,8 @@
 namespace soft_volume {
 namespace {
 
+constexpr std::size_t kMostPartsTold = 100;
+
 geometry_msgs::Point32 toPoint32(const core::Vector3f& p) {
   geometry_msgs::Point32 point;
   point.x = p.x();
@@ -528,6 +530,10 @@ core::ToolGripCommand fromMessage(const ToolGrip& message) {
   return command;
 }
 
+core::RemovalCommand fromMessage(const PartRemoval& message) {
+  return {message.session, message.cell};
+}
+
 core::IntegratorCommand fromMessage(const SimulationControl& message) {
   return {integratorNamed(message.integrator), message.dt};
 }
@@ -555,6 +561,12 @@ SimulationStats statsMessage(const core::Session& session) {
   message.max_displacement = simulation.maxDisplacement();
   message.max_speed = simulation.maxSpeed();
   message.cut_opening = session.cutOpening();
+  const std::vector<core::TissuePart>& parts = session.parts();
+  message.parts = static_cast<std::uint32_t>(parts.size());
+  for (std::size_t n = 0; n < std::min(parts.size(), kMostPartsTold); ++n) {
+    message.part_cells.push_back(parts[n].piece);
+    message.part_volumes.push_back(parts[n].volume_m3);
+  }
   message.frontier_error = stats.frontier_error_m;
   message.grip_lag = stats.grip_lag_m;
   message.limited_moves = stats.limited_moves;

@@ -58,6 +58,10 @@ const JournalEntry& Journal::apply(const ToolGrip& message) {
   return addInput(makeEntry(topics::kToolGrip, message, message.sequence), applyMessage(*session_, message));
 }
 
+const JournalEntry& Journal::apply(const PartRemoval& message) {
+  return addInput(makeEntry(topics::kRemovePart, message, 0), applyMessage(*session_, message));
+}
+
 const JournalEntry& Journal::apply(const SimulationControl& message) {
   return addInput(makeEntry(topics::kSetIntegrator, message, 0), applyMessage(*session_, message));
 }
@@ -87,6 +91,8 @@ const JournalEntry& Journal::reapply(const JournalEntry& recorded) {
     return apply(fromPayload<ToolCut>(recorded.payload));
   if (recorded.topic == topics::kToolGrip)
     return apply(fromPayload<ToolGrip>(recorded.payload));
+  if (recorded.topic == topics::kRemovePart)
+    return apply(fromPayload<PartRemoval>(recorded.payload));
   if (recorded.topic == topics::kSetIntegrator)
     return apply(fromPayload<SimulationControl>(recorded.payload));
   if (recorded.topic == topics::kRestoreCheckpoint)

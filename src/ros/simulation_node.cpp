@@ -6,6 +6,7 @@
 #include <soft_volume/GridPatch.h>
 #include <soft_volume/GridState.h>
 #include <soft_volume/GridTopology.h>
+#include <soft_volume/PartRemoval.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationCheckpoint.h>
 #include <soft_volume/SimulationControl.h>
@@ -158,6 +159,11 @@ void SimulationNode::advertise() {
   services_.push_back(node_.advertiseService<SetIntegrator::Request, SetIntegrator::Response>(
       topics::kSetIntegrator, [this](SetIntegrator::Request& request, SetIntegrator::Response& response) -> Ok {
         inLoop([this, &request, &response] { setIntegrator(request, response); });
+        return true;
+      }));
+  services_.push_back(node_.advertiseService<RemovePart::Request, RemovePart::Response>(
+      topics::kRemovePart, [this](RemovePart::Request& request, RemovePart::Response& response) -> Ok {
+        inLoop([this, &request, &response] { removePart(request, response); });
         return true;
       }));
   services_.push_back(node_.advertiseService<SaveCheckpoint::Request, SaveCheckpoint::Response>(
@@ -377,6 +383,21 @@ void SimulationNode::setIntegrator(const SetIntegrator::Request& request, SetInt
   response.message = entry.reason;
   response.dt = session_->timeStep();
   setRates();
+  publishStats();
+}
+
+void SimulationNode::removePart(const RemovePart::Request& request, RemovePart::Response& response) {
+  PartRemoval removal;
+  stamp(removal);
+  removal.session = session_->id();
+  removal.revision = session_->lattice().revision;
+  removal.step = session_->steps();
+  removal.cell = request.cell;
+  const JournalEntry& entry = journal_->apply(removal);
+  response.success = static_cast<std::uint8_t>(entry.outcome == JournalEntry::APPLIED);
+  response.message = entry.reason;
+  if (response.success != 0)
+    publishTopology();
   publishStats();
 }
 

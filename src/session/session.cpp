@@ -60,6 +60,23 @@ void checkClock(const Checkpoint& checkpoint) {
     throw InputError("the checkpoint's time or time step is out of range");
 }
 
+/// The state with some vertices (increasing) at rest, and without the forces and grips that act on any of them.
+SimulationState without(const std::vector<std::uint32_t>& gone, SimulationState state) {
+  for (const std::uint32_t v : gone)
+    state.displacements_m[v] = state.velocities_m_s[v] = Vector3::Zero();
+  const auto drop = [&gone](auto& held) {
+    for (auto it = held.begin(); it != held.end();) {
+      const auto& vertices = it->second.vertices;
+      const bool acts = std::any_of(vertices.begin(), vertices.end(),
+                                    [&](std::uint32_t v) { return std::binary_search(gone.begin(), gone.end(), v); });
+      it = acts ? held.erase(it) : std::next(it);
+    }
+  };
+  drop(state.forces);
+  drop(state.grips);
+  return state;
+}
+
 }  // namespace
 
 Session::Session(const Scene& scene, std::shared_ptr<const Volume> volume, std::shared_ptr<const Volume> labels,
@@ -207,6 +224,30 @@ Verdict Session::apply(const ToolGripCommand& command) {
   return {true, ""};
 }
 
+const std::vector<TissuePart>& Session::parts() const {
+  if (parts_revision_ != lattice_.revision) {
+    parts_ = tissue_.parts(lattice_);
+    parts_revision_ = lattice_.revision;
+  }
+  return parts_;
+}
+
+Verdict Session::apply(const RemovalCommand& command) {
+  if (command.session != id_)
+    return {false, "it is meant for another session"};
+  const std::vector<CutMesh::Piece>& pieces = tissue_.mesh().pieces();
+  if (command.cell >= pieces.size() || pieces[command.cell].faces.empty())
+    return {false, "the grid has no cell " + std::to_string(command.cell) + ", or it was removed before"};
+  const std::vector<std::uint32_t> islands = tissue_.mesh().islands();
+  if (islands[command.cell] == islands[parts().front().piece])
+    return {false, "cell " + std::to_string(command.cell) + " belongs to the largest part of the tissue, which stays"};
+  const std::vector<std::uint32_t> gone = tissue_.removePart(lattice_, command.cell);
+  simulation_.adoptTopology();
+  simulation_.restore(without(gone, simulation_.state()));
+  simulation_.setLips(tissue_.lips(lattice_, scene_.materials));
+  return {true, ""};
+}
+
 Verdict Session::apply(const IntegratorCommand& command) {
   if (!(command.dt_s >= 0.0 && command.dt_s <= kMaxTimeStep_s))
     return {false, "a time step outside [0, 10] s, where 0 is automatic"};
@@ -248,6 +289,7 @@ Verdict Session::apply(const Checkpoint& checkpoint) {
   clock_ = checkpoint.clock;
   sequences_ = checkpoint.sequences;
   blade_resistances_n_.clear();
+  parts_revision_ = 0;
   return {true, ""};
 }
 

@@ -1,5 +1,6 @@
 #include "rest_system.h"
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -32,8 +33,6 @@ Lattice healed(const Lattice& lattice) {
   std::size_t cells = 0;
   while (cells < lattice.cellCount() && lattice.cell_at[lattice.parent_cells[cells]] == std::int32_t(cells))
     ++cells;
-  if (vertices == lattice.vertexCount() && cells == lattice.cellCount())
-    return whole;
   whole.cells.resize(cells);
   whole.parent_cells.resize(cells);
   whole.materials.resize(cells);
@@ -58,6 +57,7 @@ Lattice healed(const Lattice& lattice) {
     whole.fixed[origin] = whole.fixed[origin] | lattice.fixed[v];
   }
   whole.fixed.resize(vertices);
+  std::replace(whole.fixed.begin(), whole.fixed.end(), Lattice::kRemoved, std::uint8_t(0));
   whole.origin_vertices.resize(vertices);
   whole.lattice_nodes.resize(vertices);
   return whole;

@@ -65,20 +65,6 @@ inline SweptQuad squareQuad(const Vector3& middle, const Vector3& normal, double
   return {middle - u - v, middle + u - v, middle + u + v, middle - u + v};
 }
 
-/// With its own points only, in the order of their numbers.
-inline Polyhedron solidOf(const CutMesh& mesh, std::uint32_t piece) {
-  const std::vector<std::uint32_t> vertices = mesh.verticesOf(piece);
-  Polyhedron solid;
-  for (const std::uint32_t v : vertices)
-    solid.points_m.push_back(mesh.restPositions()[v]);
-  for (auto loop : mesh.loopsOf(piece)) {
-    for (std::uint32_t& v : loop)
-      v = static_cast<std::uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) - vertices.begin());
-    solid.loops.push_back(loop);
-  }
-  return solid;
-}
-
 inline double volumeOfPiece(const CutMesh& mesh, std::uint32_t piece) {
   return volumeOf(solidOf(mesh, piece));
 }

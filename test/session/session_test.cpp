@@ -97,6 +97,76 @@ TEST(Session, ACutOpensRaisesTheRevisionAndIsReplicatedInTheTopology) {
   EXPECT_GT(session->cutOpening(), 0.0002);
 }
 
+/// A blade that passes level through the whole block.
+ToolCutCommand sliceOff(const Session& session, std::uint64_t sequence) {
+  ToolCutCommand command = slice(session, sequence);
+  const double z = 0.0255;
+  command.quads = {
+      {Vector3(-0.01, -0.01, z), Vector3(-0.01, 0.06, z), Vector3(0.06, 0.06, z), Vector3(0.06, -0.01, z)}};
+  return command;
+}
+
+double totalVolume(const Session& session) {
+  double sum = 0.0;
+  for (const TissuePart& part : session.parts())
+    sum += part.volume_m3;
+  return sum;
+}
+
+TEST(Session, APartThatIsCutOffMovesOnAndCanBeRemoved) {
+  const auto session = makeSession();
+  EXPECT_EQ(session->parts().size(), 1U);
+  const double volume_m3 = totalVolume(*session);
+  ASSERT_TRUE(session->apply(sliceOff(*session, 1)).applied);
+  ASSERT_EQ(session->parts().size(), 2U);
+  EXPECT_NEAR(totalVolume(*session), volume_m3, 1e-12 * volume_m3);
+  const TissuePart loose = session->parts()[1];
+  EXPECT_FALSE(session->apply(RemovalCommand{kId + 1, loose.piece}).applied);
+  EXPECT_FALSE(session->apply(RemovalCommand{kId, session->parts()[0].piece}).applied);
+  EXPECT_FALSE(session->apply(RemovalCommand{kId, 1000000}).applied);
+  for (std::uint64_t n = 0; n < 20; ++n) {
+    ASSERT_TRUE(session->apply(push(*session, n + 1)).applied);
+    session->step();
+  }
+  ASSERT_TRUE(session->apply(grasp(*session, 1)).applied);
+  ASSERT_TRUE(session->apply(RemovalCommand{kId, loose.piece}).applied);
+  EXPECT_EQ(session->lattice().revision, 3U);
+  ASSERT_EQ(session->parts().size(), 1U);
+  EXPECT_NEAR(totalVolume(*session), volume_m3 - loose.volume_m3, 1e-12 * volume_m3);
+  EXPECT_TRUE(session->simulation().state().forces.empty());
+  EXPECT_TRUE(session->simulation().state().grips.empty());
+  EXPECT_FALSE(session->apply(RemovalCommand{kId, loose.piece}).applied);
+  const Topology topology = session->topology();
+  EXPECT_NO_THROW(topology.validate());
+  EXPECT_EQ(
+      static_cast<std::uint32_t>(std::count(topology.cell_types.begin(), topology.cell_types.end(), CellType::kEmpty)),
+      loose.pieces);
+  for (const std::uint32_t cell : session->patch("probe", kTop, 0.02).cell_ids)
+    ASSERT_NE(topology.cell_types[cell], CellType::kEmpty);
+}
+
+TEST(Session, ContinuesBitExactlyWithoutARemovedPart) {
+  const auto whole = makeSession();
+  ASSERT_TRUE(whole->apply(sliceOff(*whole, 1)).applied);
+  for (int n = 0; n < 20; ++n)
+    whole->step();
+  ASSERT_TRUE(whole->apply(RemovalCommand{kId, whole->parts()[1].piece}).applied);
+  ToolCutCommand again = slice(*whole, 2);  // through cells that lost a part
+  ASSERT_TRUE(whole->apply(again).applied);
+  const auto continued = makeSession();
+  const Verdict verdict = continued->apply(whole->checkpoint());
+  ASSERT_TRUE(verdict.applied) << verdict.reason;
+  EXPECT_EQ(continued->parts().size(), whole->parts().size());
+  for (int n = 0; n < 200; ++n) {
+    whole->step();
+    continued->step();
+    ASSERT_EQ(whole->simulation().stateHash(), continued->simulation().stateHash()) << n;
+  }
+  for (const Vector3& p : whole->drawnPositions())
+    ASSERT_TRUE(isFinite(p));
+  EXPECT_LT(whole->simulation().maxDisplacement(), 0.01);
+}
+
 /// Every refusal leaves the state bit for bit as it was.
 TEST(Session, RefusesForcesThatItCannotUse) {
   const auto session = makeSession();

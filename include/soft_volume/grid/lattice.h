@@ -17,6 +17,7 @@ namespace soft_volume::core {
 /// that they are a copy of and divide its stiffness and mass with it.
 struct Lattice {
   static constexpr std::int32_t kNone = -1;
+  static constexpr std::uint8_t kRemoved = 2;
 
   Vector3i dims = Vector3i::Zero();     ///< cells along each axis of the surrounding lattice
   Vector3 spacing_m = Vector3::Ones();  ///< edge lengths of a cell
@@ -37,7 +38,7 @@ struct Lattice {
 
   // Per vertex.
   std::vector<Vector3> rest_positions;         ///< volume frame, metres
-  std::vector<std::uint8_t> fixed;             ///< 1: never moves
+  std::vector<std::uint8_t> fixed;             ///< 1: never moves; kRemoved: nor does it, its tissue was taken away
   std::vector<std::uint32_t> origin_vertices;  ///< vertex that it was replicated from; itself where it was not
   std::vector<std::uint32_t> lattice_nodes;    ///< lattice node, i + (nx+1)*(j + (ny+1)*k); replicas share it
 

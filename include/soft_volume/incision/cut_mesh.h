@@ -32,21 +32,22 @@ class CutMesh {
   };
   /// A planar polygon.
   struct Face {
-    std::vector<std::uint32_t> loop;     ///< counter-clockwise seen from outside pieces[0]
-    std::array<std::int32_t, 2> pieces;  ///< pieces[1] is kNone at the surface and where the face was opened
-    bool opened = false;                 ///< the surface made by an incision
+    std::vector<std::uint32_t> loop;  ///< counter-clockwise seen from outside pieces[0]
+    /// pieces[1] is kNone at the surface and where the face was opened, both are where the pieces were removed.
+    std::array<std::int32_t, 2> pieces;
+    bool opened = false;  ///< the surface made by an incision
   };
   struct Piece {
     std::uint32_t cell;                ///< of the lattice, which it is a part of
-    std::vector<std::uint32_t> faces;  ///< increasing
+    std::vector<std::uint32_t> faces;  ///< increasing; none once it was removed
     std::uint32_t origin;              ///< piece that it was split from; itself for a whole cell
   };
 
   /// The cells of a lattice as they are, one piece each: piece c is cell c, its vertices are the lattice's.
   explicit CutMesh(const Lattice& lattice);
   /// The same cut as before: `sources` of the vertices that follow the lattice's, all faces, and all pieces, whose
-  /// `faces` are not looked at. Throws InputError unless every piece is a closed polyhedron whose cell and origin
-  /// exist.
+  /// `faces` are not looked at; those that no face names were removed. Throws InputError unless every piece is a closed
+  /// polyhedron whose cell and origin exist.
   CutMesh(const Lattice& lattice, const std::vector<Source>& sources, std::vector<Face> faces,
           std::vector<Piece> pieces);
 
@@ -88,6 +89,9 @@ class CutMesh {
                            const std::vector<std::vector<std::uint32_t>>& section);
   /// Makes two faces of a face between two pieces. Afterwards partVertex() is due for its vertices.
   void openFace(std::uint32_t face);
+  /// Takes pieces away, together with all that hang together with them through faces: they and their faces stay as
+  /// numbers without content (no faces; no loop and no pieces).
+  void removePieces(const std::vector<std::uint32_t>& pieces);
   /// Gives every group of pieces around a vertex that hangs together through faces at the vertex, save for the group of
   /// the lowest piece, a replica of its own. Returns how many there are.
   std::uint32_t partVertex(std::uint32_t vertex);

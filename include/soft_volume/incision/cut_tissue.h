@@ -59,6 +59,13 @@ struct IncisionResult {
   std::vector<LipContact> lips;               ///< all of the tissue; only where pieces changed
 };
 
+/// Tissue that hangs together through faces.
+struct TissuePart {
+  std::uint32_t piece = 0;   ///< the lowest of its pieces
+  std::uint32_t pieces = 0;  ///< how many there are
+  double volume_m3 = 0.0;    ///< at rest
+};
+
 /// The tissue of a lattice that blades cut: its mesh, what carries it, and the strokes under way. Not thread-safe.
 class CutTissue {
  public:
@@ -78,6 +85,12 @@ class CutTissue {
   IncisionResult cut(Lattice& lattice, const std::vector<Material>& materials, const std::vector<Vector3>& positions_m,
                      double reach_m, const std::string& tool_id, const std::vector<SweptQuad>& quads, bool lifted);
 
+  /// The parts that the tissue fell into, the largest first; takes a pass over the mesh.
+  std::vector<TissuePart> parts(const Lattice& lattice) const;
+  /// Takes away the part that a piece belongs to: the cells that carried it have no stiffness and no mass any more, and
+  /// the lattice's revision grows. Returns their vertices, increasing, which are fixed now; none when it was removed
+  /// before.
+  std::vector<std::uint32_t> removePart(Lattice& lattice, std::uint32_t piece);
   /// Where opposite lips may touch, for Simulation::setLips().
   std::vector<LipContact> lips(const Lattice& lattice, const std::vector<Material>& materials) const {
     return findLipContacts(mesh_, embedding_, lattice, materials, settings_);
@@ -86,8 +99,9 @@ class CutTissue {
   const CutMesh& mesh() const { return mesh_; }
   const Embedding& embedding() const { return embedding_; }
 
-  /// Values of the lattice's vertices (positions, velocities) at the vertices of the mesh: what is drawn and touched.
-  std::vector<Vector3> atMesh(const Lattice& lattice, const std::vector<Vector3>& values) const;
+  /// Positions of the vertices of the mesh, which are drawn and touched, from those of the lattice's; at rest where
+  /// tissue was removed.
+  std::vector<Vector3> drawnPositions(const Lattice& lattice, const std::vector<Vector3>& positions_m) const;
   /// Largest distance between a vertex and the one that it was parted from, metres; 0 without incisions.
   double opening(const Lattice& lattice, const std::vector<Vector3>& positions_m) const;
 
@@ -95,6 +109,7 @@ class CutTissue {
   IncisionState state(const Lattice& lattice) const;
 
  private:
+  Vector3 placeOf(const Lattice& lattice, const std::vector<Vector3>& positions_m, std::uint32_t vertex) const;
   void placeVertices(const Lattice& lattice, const std::vector<Vector3>& positions_m, const LatticeBox& box);
   TissuePlace placeNear(const Lattice& lattice, const Vector3& p, double reach_m) const;
   IncisionResult cutPieces(const Lattice& lattice, const std::vector<Material>& materials,

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "soft_volume/common/geometry.h"
+#include "soft_volume/incision/cut_mesh.h"
 
 namespace soft_volume::core {
 
@@ -12,6 +13,9 @@ struct Polyhedron {
   std::vector<Vector3> points_m;
   std::vector<std::vector<std::uint32_t>> loops;
 };
+
+/// A piece of a cut mesh at rest; its points are the piece's vertices in increasing order.
+Polyhedron solidOf(const CutMesh& mesh, std::uint32_t piece);
 
 /// Every edge belongs to exactly two faces, which run along it in opposite directions.
 bool isClosed(const Polyhedron& solid);

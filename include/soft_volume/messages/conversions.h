@@ -7,6 +7,7 @@
 #include <soft_volume/GridState.h>
 #include <soft_volume/GridTopology.h>
 #include <soft_volume/IncisionState.h>
+#include <soft_volume/PartRemoval.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationCheckpoint.h>
 #include <soft_volume/SimulationControl.h>
@@ -83,6 +84,7 @@ core::ToolGripCommand fromMessage(const ToolGrip& message);
 IncisionState toMessage(const core::IncisionState& state);
 core::IncisionState fromMessage(const IncisionState& message);
 
+core::RemovalCommand fromMessage(const PartRemoval& message);
 core::IntegratorCommand fromMessage(const SimulationControl& message);
 
 /// What the simulation itself knows; times, counts and extremes of the node stay 0.

@@ -2,6 +2,7 @@
 
 #include <ros/serialization.h>
 #include <soft_volume/JournalEntry.h>
+#include <soft_volume/PartRemoval.h>
 #include <soft_volume/SimulationCheckpoint.h>
 #include <soft_volume/SimulationControl.h>
 #include <soft_volume/ToolCut.h>
@@ -55,6 +56,7 @@ class Journal {
   const JournalEntry& apply(const ToolForce& message);
   const JournalEntry& apply(const ToolCut& message);
   const JournalEntry& apply(const ToolGrip& message);
+  const JournalEntry& apply(const PartRemoval& message);
   const JournalEntry& apply(const SimulationControl& message);
   const JournalEntry& apply(const SimulationCheckpoint& message);
   /// Records something that the physics does not feel: a pause, an input that never reached the session (`reason`).

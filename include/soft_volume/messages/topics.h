@@ -30,6 +30,7 @@ constexpr char kPause[] = "simulation/pause";
 constexpr char kStep[] = "simulation/step";
 constexpr char kSetIntegrator[] = "simulation/set_integrator";
 constexpr char kSaveCheckpoint[] = "simulation/save_checkpoint";
+constexpr char kRemovePart[] = "simulation/remove_part";
 constexpr char kRestoreCheckpoint[] = "simulation/restore_checkpoint";
 constexpr char kRequestKeyFrame[] = "simulation/request_key_frame";
 // Services of a tool and of the recorder.

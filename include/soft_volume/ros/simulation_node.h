@@ -2,6 +2,7 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <ros/node_handle.h>
+#include <soft_volume/RemovePart.h>
 #include <soft_volume/RestoreCheckpoint.h>
 #include <soft_volume/SaveCheckpoint.h>
 #include <soft_volume/SetIntegrator.h>
@@ -87,6 +88,7 @@ class SimulationNode {
   void applyInputs();
   void applyInput(const Input& input);
   void advance();
+  void removePart(const RemovePart::Request& request, RemovePart::Response& response);
   void setIntegrator(const SetIntegrator::Request& request, SetIntegrator::Response& response);
   void startSession(const SimulationCheckpoint* checkpoint);
   void publishSession();

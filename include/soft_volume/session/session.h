@@ -30,6 +30,12 @@ struct IntegratorCommand {
   double dt_s = 0.0;  ///< 0: automatic
 };
 
+/// Takes away a part of the tissue that is parted from the rest: the one that a cell of the topology belongs to.
+struct RemovalCommand {
+  std::uint64_t session = 0;
+  std::uint32_t cell = 0;
+};
+
 /// Simulated time as a function of the step. The time step may change during a run; time goes on.
 struct SimulationClock {
   std::uint64_t since_step = 0;  ///< step from which on `dt_s` counts
@@ -75,6 +81,9 @@ class Session {
   /// Closes the tool's jaws at the first message, moves them at those that follow, and opens them. Refused for the same
   /// reasons.
   Verdict apply(const ToolGripCommand& command);
+  /// Refused: another session, a cell that does not exist or was removed, the largest part. Tools that hold the part
+  /// let go.
+  Verdict apply(const RemovalCommand& command);
   /// Refused when the step is beyond the integrator's stability limit.
   Verdict apply(const IntegratorCommand& command);
   /// Continues where the checkpoint was taken, in this session; meant for a session that has done no step yet, because
@@ -101,10 +110,12 @@ class Session {
   Topology topology() const { return makeTopology(tissue_.mesh(), lattice_, volume_->geometry(), id_); }
   const CutTissue& tissue() const { return tissue_; }
   /// Deformed positions of the topology's vertices, volume frame, metres.
-  std::vector<Vector3> drawnPositions() const { return tissue_.atMesh(lattice_, simulation_.positions()); }
+  std::vector<Vector3> drawnPositions() const { return tissue_.drawnPositions(lattice_, simulation_.positions()); }
   /// The pieces of cells with a vertex within `radius_m` of a point; empty when there are none.
   GridPatch patch(const std::string& tool_id, const Vector3& point_m, double radius_m) const;
   Checkpoint checkpoint() const;
+  /// The parts that the tissue fell into, the largest first.
+  const std::vector<TissuePart>& parts() const;
   double cutOpening() const { return tissue_.opening(lattice_, simulation_.positions()); }
   /// Largest stable time step of the explicit integrators, seconds; infinite when nothing can move.
   double timeStepLimit() const { return simulation_.stabilityLimit(); }
@@ -128,6 +139,8 @@ class Session {
   SimulationClock clock_;
   std::uint64_t scene_hash_;  ///< of the scene with its time step resolved
   std::map<std::string, std::uint64_t> sequences_;
+  mutable std::vector<TissuePart> parts_;
+  mutable std::uint32_t parts_revision_ = 0;           // that parts_ are of
   std::map<std::string, double> blade_resistances_n_;  // of the strokes under way, by tool
 };
 

@@ -52,19 +52,6 @@ SweptQuad squareQuad(const Vector3& middle_m, const Vector3& normal, double half
   return {middle_m - u - v, middle_m + u - v, middle_m + u + v, middle_m - u + v};
 }
 
-Polyhedron solidOf(const CutMesh& mesh, std::uint32_t piece) {
-  const std::vector<std::uint32_t> vertices = mesh.verticesOf(piece);
-  Polyhedron solid;
-  for (const std::uint32_t v : vertices)
-    solid.points_m.push_back(mesh.restPositions()[v]);
-  for (auto loop : mesh.loopsOf(piece)) {
-    for (std::uint32_t& v : loop)
-      v = static_cast<std::uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) - vertices.begin());
-    solid.loops.push_back(std::move(loop));
-  }
-  return solid;
-}
-
 double totalVolume(const CutMesh& mesh) {
   double sum = 0.0;
   for (std::uint32_t p = 0; p < mesh.pieces().size(); ++p)

@@ -39,8 +39,6 @@ struct CutTissue {
 /// A square of half-width `half_m` around `middle_m`; `turn_rad` turns it in its plane.
 SweptQuad squareQuad(const Vector3& middle_m, const Vector3& normal, double half_m, double turn_rad = 0.0);
 
-/// At rest, with its own points only, in the order of their numbers.
-Polyhedron solidOf(const CutMesh& mesh, std::uint32_t piece);
 /// Sum over all pieces, m^3.
 double totalVolume(const CutMesh& mesh);
 /// The part of the lattice that every vertex belongs to, named by its lowest vertex: they hang together through cells.
