@@ -196,6 +196,32 @@ TEST(Journal, AChangeOfTheIntegratorIsAnInputLikeAnyOther) {
   EXPECT_EQ(session->simulation().settings().integrator, core::Integrator::kQuasiStatic);
 }
 
+TEST(Journal, TakingAPartAwayIsAnInputLikeAnyOther) {
+  ToolCut through = cutMessage(1);
+  through.quads.clear();
+  const std::array<core::Vector3, 4> level = {core::Vector3(-0.01, -0.01, 0.0255), core::Vector3(-0.01, 0.06, 0.0255),
+                                              core::Vector3(0.06, 0.06, 0.0255), core::Vector3(0.06, -0.01, 0.0255)};
+  for (const core::Vector3& p : level)
+    through.quads.push_back(toPoint(p));
+  const auto live = makeSession();
+  Journal journal(*live);
+  ASSERT_EQ(journal.apply(through).outcome, JournalEntry::APPLIED);
+  ASSERT_EQ(statsMessage(*live).parts, 2U);
+  PartRemoval removal;
+  removal.session = live->id();
+  removal.cell = statsMessage(*live).part_cells[1];
+  EXPECT_EQ(journal.apply(removal).outcome, JournalEntry::APPLIED);
+  EXPECT_EQ(statsMessage(*live).parts, 1U);
+  const JournalEntry refused = journal.apply(removal);
+  EXPECT_EQ(refused.outcome, JournalEntry::REFUSED);
+  EXPECT_NE(refused.reason.find("removed before"), std::string::npos) << refused.reason;
+  const auto replayed = makeSession();
+  Journal replay(*replayed);
+  for (const JournalEntry& entry : journal.take())
+    EXPECT_EQ(replay.reapply(entry), entry);
+  EXPECT_EQ(topologyMessage(*replayed), topologyMessage(*live));
+}
+
 TEST(Journal, UnknownTopicsAndDamagedPayloadsCannotBeReapplied) {
   const auto session = makeSession();
   Journal journal(*session);
