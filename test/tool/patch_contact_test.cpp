@@ -12,6 +12,7 @@
 #include "soft_volume/common/error.h"
 #include "soft_volume/tool/contact_tracker.h"
 #include "tissue_fixture.h"
+#include "tissue_in_pieces.h"
 
 namespace {
 std::size_t allocations = 0;
@@ -201,6 +202,40 @@ TEST(PatchContactTest, QueriesAllocateNothingAndAreQuick) {
   const std::chrono::duration<double, std::micro> update = std::chrono::steady_clock::now() - update_start;
   std::cout << "[ cost     ] " << contact.cellCount() << " cells: contact query " << spent.count() / count
             << " us, patch update " << update.count() / 100 << " us\n";
+}
+
+TEST(PatchContactTest, QueriesBetweenLipsAllocateNothingAndAreQuick) {
+  std::mt19937 random(14);
+  TissueInPieces tissue({8, 8, 7});
+  cutAtRandom(tissue, 3, random);
+  const double x = 0.5 * tissue.block.size().x();
+  tissue.part(x,
+              [](const Vector3& p, int side) { return Vector3(0.2 * warp(p) + 0.1 * kH * side * Vector3::UnitX()); });
+  PatchContact contact = tissue.contact();
+  ContactTracker tracker;
+  const int count = 4000;
+  int touches = 0;
+  const std::size_t before = allocations;
+  const auto start = std::chrono::steady_clock::now();
+  for (int n = 0; n < count; ++n) {
+    const double phase = 2.0 * M_PI * n / 1000.0;
+    const Vector3 wave(std::sin(0.7 * phase), std::cos(phase), std::sin(1.3 * phase));
+    touches +=
+        tracker.query(contact, contact.bounds().center() + 0.4 * contact.bounds().sizes().cwiseProduct(wave), 0.004)
+                .touching
+            ? 1
+            : 0;
+  }
+  const std::chrono::duration<double, std::micro> spent = std::chrono::steady_clock::now() - start;
+  EXPECT_EQ(allocations, before);
+  EXPECT_GT(touches, count / 4);
+  const auto update_start = std::chrono::steady_clock::now();
+  for (int n = 0; n < 100; ++n)
+    contact.update(tissue.topology, tissue.patch);
+  const std::chrono::duration<double, std::micro> update = std::chrono::steady_clock::now() - update_start;
+  std::cout << "[ cost     ] " << contact.cellCount() << " cells, " << tissue.polyhedra()
+            << " of them polyhedra: contact query " << spent.count() / count << " us, patch update "
+            << update.count() / 100 << " us\n";
 }
 
 }  // namespace
