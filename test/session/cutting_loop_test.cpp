@@ -110,5 +110,46 @@ TEST(CuttingLoop, TheHandsWorkIsTheFractureEnergy) {
   }
 }
 
+/// Deformed middle of a piece's vertices, and its box at rest.
+struct Middle {
+  Vector3 deformed_m = Vector3::Zero();
+  Box3 rest_box_m;
+};
+
+Middle middleOf(const Session& session, const std::vector<Vector3>& positions_m, std::uint32_t piece) {
+  Middle middle;
+  const auto vertices = session.tissue().mesh().verticesOf(piece);
+  for (const std::uint32_t v : vertices) {
+    middle.deformed_m += positions_m[v] / double(vertices.size());
+    middle.rest_box_m.extend(session.tissue().mesh().restPositions()[v]);
+  }
+  return middle;
+}
+
+TEST(CuttingLoop, EveryPieceIsFeltWhereItIs) {
+  CuttingLoop loop;
+  loop.stroke({0.0211, -0.016, kTip}, {0.0211, 0.060, kTip}, 0.08);
+  loop.stroke({0.0211, 0.060, kTip}, {-0.016, 0.060, 0.06}, 0.5);
+  loop.stroke({-0.016, 0.060, 0.06}, {-0.016, 0.019, kTip}, 0.5);
+  loop.stroke({-0.016, 0.019, kTip}, {0.060, 0.027, kTip}, 0.08);
+  const Session& session = loop.session();
+  const Topology topology = session.topology();
+  topology.validate();
+  PatchContact contact(session.volume(), 75.0);
+  contact.update(topology, session.patch("probe", {0.024, 0.024, 0.02}, 0.1));
+  EXPECT_EQ(contact.cellCount(), topology.cellCount());
+  EXPECT_GT(std::count(topology.cell_types.begin(), topology.cell_types.end(), CellType::kPolyhedron), 40);
+  const auto positions_m = session.drawnPositions();
+  double moved = 0.0;
+  for (std::uint32_t piece = 0; piece < topology.cellCount(); ++piece) {
+    const Middle middle = middleOf(session, positions_m, piece);
+    const auto at = contact.locateIn(contact.cellOfId(piece), middle.deformed_m);
+    ASSERT_TRUE(at.found()) << "piece " << piece;
+    EXPECT_LT(middle.rest_box_m.exteriorDistance(contact.volumePoint(at)), 1e-6);
+    moved = std::max(moved, (contact.volumePoint(at) - middle.deformed_m).norm());
+  }
+  EXPECT_GT(moved, 1e-4);
+}
+
 }  // namespace
 }  // namespace soft_volume::core
