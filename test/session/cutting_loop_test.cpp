@@ -151,5 +151,117 @@ TEST(CuttingLoop, EveryPieceIsFeltWhereItIs) {
   EXPECT_GT(moved, 1e-4);
 }
 
+/// A block cut in two that stand on fixed ground; one half is held away, and a probe goes in between.
+class OpenIncision {
+ public:
+  static constexpr double kPlane = 0.0211;
+
+  OpenIncision()
+      : session_(thinProbeScene(), smallVolume(), nullptr, 6, 1), probe_(*session_.scene().findTool("probe")) {
+    ToolCutCommand cut;
+    cut.header = header("scalpel");
+    cut.quads = {{Vector3(kPlane, -0.01, -0.01), Vector3(kPlane, -0.01, 0.06), Vector3(kPlane, 0.06, 0.06),
+                  Vector3(kPlane, 0.06, -0.01)}};
+    cut.lifted = true;
+    EXPECT_TRUE(session_.apply(cut).applied);
+    held_piece_ = pieceAt({kPlane - 0.002, 0.024, 0.028});
+    probe_.setVolume(session_.volume());
+    probe_.setTopology(std::make_shared<const Topology>(session_.topology()));
+    for (int n = 0; n < 600; ++n)
+      step({kPlane - 0.002, 0.024, 0.06});
+  }
+  const ToolOutput& lead(const Vector3& to, int steps) {
+    const Vector3 from = input_.pose.position_m;
+    for (int n = 1; n <= steps; ++n)
+      step(from + double(n) / steps * (to - from));
+    return output_;
+  }
+  /// Middle of the upper part of a half: -1 or 1.
+  Vector3 half(int side) const {
+    const auto positions_m = session_.drawnPositions();
+    Vector3 sum = Vector3::Zero();
+    double count = 0.0;
+    for (std::uint32_t piece = 0; piece < session_.tissue().mesh().pieces().size(); ++piece) {
+      const Middle middle = middleOf(session_, positions_m, piece);
+      const Vector3 rest = middle.rest_box_m.center();
+      if (rest.z() < 0.02 || (rest.x() < kPlane) != (side < 0))
+        continue;
+      sum += middle.deformed_m;
+      count += 1.0;
+    }
+    return sum / count;
+  }
+  bool isOnPositiveSide(std::uint32_t piece) const {
+    return middleOf(session_, session_.drawnPositions(), piece).rest_box_m.center().x() > kPlane;
+  }
+
+ private:
+  static Scene thinProbeScene() {
+    Scene scene = smallScene();
+    scene.tools[0].tip_radius_m = 0.001;
+    return scene;
+  }
+  ToolCommandHeader header(const std::string& tool_id) {
+    ToolCommandHeader header;
+    header.session = session_.id();
+    header.revision = session_.lattice().revision;
+    header.step = session_.steps();
+    header.tool_id = tool_id;
+    header.sequence = ++sequence_;
+    return header;
+  }
+  /// The piece whose box at rest holds a point.
+  std::uint32_t pieceAt(const Vector3& rest_m) const {
+    std::uint32_t piece = 0;
+    while (!middleOf(session_, session_.drawnPositions(), piece).rest_box_m.contains(rest_m))
+      ++piece;
+    return piece;
+  }
+  void holdTheOtherHalf() {
+    ToolForceCommand hold;
+    hold.header = header("scalpel");
+    hold.hold_steps = 50;
+    hold.force_n = Vector3(-0.1, 0.0, 0.0);
+    hold.point_m = Vector3(kPlane - 0.002, 0.024, 0.030);
+    hold.footprint_radius_m = 0.02;
+    hold.cells = {held_piece_};
+    EXPECT_TRUE(session_.apply(hold).applied);
+  }
+  void step(const Vector3& tip) {
+    holdTheOtherHalf();
+    if (session_.steps() % kStepsPerPatch == 0)
+      probe_.setPatch(session_.patch("probe", tip, 0.03));
+    input_.pose.position_m = tip;
+    input_.time_s = input_.pose_time_s = session_.steps() * kPeriod;
+    output_ = probe_.update(input_);
+    if (output_.force) {
+      EXPECT_TRUE(session_.apply(*output_.force).applied);
+    }
+    session_.step();
+  }
+
+  Session session_;
+  Tool probe_;
+  ToolInput input_;
+  ToolOutput output_;
+  std::uint64_t sequence_ = 0;
+  std::uint32_t held_piece_ = 0;
+};
+
+TEST(CuttingLoop, AProbeInAnOpenIncisionPressesOneLip) {
+  OpenIncision incision;
+  ToolOutput output = incision.lead({OpenIncision::kPlane - 0.002, 0.024, 0.022}, 300);
+  EXPECT_FALSE(output.contact.touching);
+  incision.lead({OpenIncision::kPlane - 0.002, 0.024, 0.022}, 300);
+  const Vector3 held = incision.half(-1);
+  const Vector3 free = incision.half(1);
+  output = incision.lead({OpenIncision::kPlane + 0.006, 0.024, 0.022}, 400);
+  ASSERT_TRUE(output.contact.touching);
+  EXPECT_TRUE(incision.isOnPositiveSide(output.contact.cell));
+  EXPECT_LT(output.device_force_n.x(), -0.05);
+  EXPECT_GT(incision.half(1).x() - free.x(), 0.0003);
+  EXPECT_LT((incision.half(-1) - held).norm(), 0.02 * (incision.half(1) - free).norm());
+}
+
 }  // namespace
 }  // namespace soft_volume::core
