@@ -125,7 +125,7 @@ void PieceNetwork::addFitted(const std::vector<Vector3>& places_m, const std::ve
     springs[first + std::size_t(i)].stiffness_n_m = stiffness_n_m[i];
 }
 
-CutBody::CutBody(const CutTissue& tissue, PieceStiffness stiffness)
+CutBody::CutBody(const CutBlock& tissue, PieceStiffness stiffness)
     : tissue_(&tissue), embedded_(stiffness == PieceStiffness::kEmbedded) {
   if (embedded_)
     makeEmbedded();

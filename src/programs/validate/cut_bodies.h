@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "cut_tissue.h"
+#include "cut_block.h"
 #include "soft_volume/simulation/oracle.h"
 
 namespace soft_volume::core::validate {
@@ -44,7 +44,7 @@ struct PieceNetwork {
 /// and how the vertices of the cut mesh hang on the nodes. Refers to the tissue, which stays as it is.
 class CutBody {
  public:
-  CutBody(const CutTissue& tissue, PieceStiffness stiffness);
+  CutBody(const CutBlock& tissue, PieceStiffness stiffness);
 
   std::size_t nodeCount() const { return masses_kg_.size(); }
   const Vector3& place(std::uint32_t node) const { return places_m_[node]; }
@@ -54,7 +54,7 @@ class CutBody {
   bool fixed(std::uint32_t node) const { return fixed_[node] != 0; }
   /// Nodes that carry a vertex of the mesh, and by how much.
   std::map<std::uint32_t, double> weightsOf(std::uint32_t vertex) const;
-  const CutTissue& tissue() const { return *tissue_; }
+  const CutBlock& tissue() const { return *tissue_; }
   /// Pairs of a whole and cut cells alike.
   std::size_t springCount() const { return spring_count_; }
 
@@ -68,7 +68,7 @@ class CutBody {
   void makeEmbedded();
   void makeComplete(bool fitted);
 
-  const CutTissue* tissue_;
+  const CutBlock* tissue_;
   bool embedded_;
   std::vector<Vector3> places_m_;
   std::vector<double> masses_kg_;

@@ -9,12 +9,14 @@ std::vector<Case> cuttingCases(const Options& options) {
     double quick_seconds;
     std::function<void(const Options&, Report&)> run;
   };
-  const auto randomUnder = [](CutLoad load) {
-    return [load](const Options& given, Report& report) { randomCuts(load, given, report); };
+  const auto randomUnder = [](CutLoad load, bool lips_press) {
+    return [=](const Options& given, Report& report) { randomCuts(load, lips_press, given, report); };
   };
-  std::vector<Item> items = {{"random cuts at rest", 60, 3, randomUnder(CutLoad::kNone)},
-                             {"random cuts, compressed", 60, 3, randomUnder(CutLoad::kCompressed)},
-                             {"random cuts, sheared", 60, 3, randomUnder(CutLoad::kSheared)},
+  std::vector<Item> items = {{"random cuts at rest", 60, 3, randomUnder(CutLoad::kNone, false)},
+                             {"random cuts, compressed", 60, 3, randomUnder(CutLoad::kCompressed, false)},
+                             {"random cuts, sheared", 60, 3, randomUnder(CutLoad::kSheared, false)},
+                             {"random cuts, lips press, compressed", 40, 2, randomUnder(CutLoad::kCompressed, true)},
+                             {"random cuts, lips press, sheared", 40, 2, randomUnder(CutLoad::kSheared, true)},
                              {"slices", 10, 1, slicesOfCuts},
                              {"lips under load", 4, 1, lipsUnderLoad},
                              {"bar cut in two", 4, 1, barCutInTwo},

@@ -23,7 +23,7 @@ double median(std::vector<double> values) {
 }
 
 /// An upright blade that goes through a row of 10 cells under the top.
-SweptQuad shortStroke(const CutTissue& tissue, int n) {
+SweptQuad shortStroke(const CutBlock& tissue, int n) {
   const double h = tissue.h();
   const int cells = tissue.block.lattice.dims.x();
   const Vector3 a = h * Vector3(0.4 + 1.1 * n, 0.3, cells - 1.6);
@@ -38,7 +38,7 @@ void costOfAStroke(int cells, Report& report) {
   std::vector<double> lips_ms;
   std::size_t cut_cells = 0;
   for (int round = 0; round < 3; ++round) {
-    CutTissue tissue(Vector3i::Constant(cells));
+    CutBlock tissue(Vector3i::Constant(cells));
     SimulationSettings settings;
     settings.active_set = ActiveSet::kAll;
     Simulation simulation(tissue.block.lattice, tissue.block.materials, settings, 1);
@@ -60,7 +60,7 @@ void costOfAStroke(int cells, Report& report) {
 /// A block on a floor under a pull at its top.
 class MovingBlock {
  public:
-  MovingBlock(const Vector3i& cells, void (*cut)(CutTissue&)) : tissue_(cells, kCutSpacingM, tissue(0.45, 0.3)) {
+  MovingBlock(const Vector3i& cells, void (*cut)(CutBlock&)) : tissue_(cells, kCutSpacingM, tissue(0.45, 0.3)) {
     tissue_.block.fixWhere([](const Vector3i& n) { return n.z() == 0; });
     if (cut != nullptr)
       cut(tissue_);
@@ -85,16 +85,16 @@ class MovingBlock {
   }
 
  private:
-  CutTissue tissue_;
+  CutBlock tissue_;
   std::unique_ptr<Simulation> simulation_;
 };
 
 /// An incision through the whole block near its middle.
-void cutAcross(CutTissue& tissue) {
+void cutAcross(CutBlock& tissue) {
   tissue.cut({squareQuad(0.5 * tissue.size() + tissue.h() * Vector3(0.1, 0.2, 0.3), {0.01, 0.02, 1.0}, 1.0)});
 }
 
-void costOfASecond(const Vector3i& cells, void (*cut)(CutTissue&), double bound, Report& report) {
+void costOfASecond(const Vector3i& cells, void (*cut)(CutBlock&), double bound, Report& report) {
   MovingBlock whole_block(cells, nullptr);
   MovingBlock cut_block(cells, cut);
   std::vector<double> ratios;
@@ -116,7 +116,7 @@ double forcePass(const CutBody& body) {
 
 /// Both ways in their clear form: one spring after the other, in double precision.
 void costOfCompleteConnection(Report& report) {
-  CutTissue tissue({13, 12, 9});
+  CutBlock tissue({13, 12, 9});
   cutCrosswise(tissue);
   const CutBody embedded(tissue, PieceStiffness::kEmbedded);
   const CutBody complete(tissue, PieceStiffness::kCompleteEqual);

@@ -27,15 +27,15 @@ std::string text(const char* format, double a, double b = 0.0) {
 constexpr int kWide = 3;
 constexpr int kTall = 2;
 
-std::unique_ptr<CutTissue> tallBlock(double share, double poisson_ratio) {
-  auto block = std::make_unique<CutTissue>(Vector3i(kWide, kWide, kTall), kCutSpacingM, tissue(poisson_ratio));
+std::unique_ptr<CutBlock> tallBlock(double share, double poisson_ratio) {
+  auto block = std::make_unique<CutBlock>(Vector3i(kWide, kWide, kTall), kCutSpacingM, tissue(poisson_ratio));
   const double h = block->h();
   if (share > 0.0)
     block->cut({squareQuad(h * Vector3(0.5 * kWide, 0.5 * kWide, 1.0 + share), Vector3::UnitZ(), 10.0 * h)});
   return block;
 }
 
-std::vector<std::uint32_t> verticesAt(const CutTissue& tissue, double z_m) {
+std::vector<std::uint32_t> verticesAt(const CutBlock& tissue, double z_m) {
   std::vector<std::uint32_t> found;
   for (std::uint32_t v = 0; v < tissue.mesh.vertexCount(); ++v) {
     if (std::abs(tissue.mesh.restPositions()[v].z() - z_m) < 1e-9 * tissue.h())
@@ -84,7 +84,7 @@ std::vector<std::array<std::uint32_t, 2>> lipPairs(const CutMesh& mesh, double n
 /// Force per metre with which a plate on top is pushed back by tissue on a plate. Lips that touch do not go through
 /// each other. Plates and lips hold the tissue sideways, or let it slide.
 double pressedStiffness(const CutBody& body, bool sticks) {
-  const CutTissue& tissue = body.tissue();
+  const CutBlock& tissue = body.tissue();
   const double scale = kYoungPa * tissue.h();
   Eigen::MatrixXd matrix = body.stiffness();
   matrix.diagonal().array() += 1e-7 * scale;  // keeps what slides freely from floating away
@@ -206,7 +206,7 @@ struct BarCut {
 };
 
 void barOf(PieceStiffness way, const BarCut& bar, Report& report) {
-  CutTissue tissue({bar.cells, 1, 1});
+  CutBlock tissue({bar.cells, 1, 1});
   const double length_m = tissue.size().x();
   const Axial whole = axialMode(CutBody(tissue, way), 0.0, length_m, 0);
   const double at_m = 0.5 * length_m + bar.off * tissue.h();
@@ -242,7 +242,7 @@ Vector3 middleOf(const CutMesh& mesh, const CutMesh::Face& face) {
   return sum / double(face.loop.size());
 }
 
-FrontOfCut frontOf(const CutTissue& tissue) {
+FrontOfCut frontOf(const CutBlock& tissue) {
   const CutMesh& mesh = tissue.mesh;
   std::vector<std::uint32_t> opened;
   for (std::uint32_t f = 0; f < mesh.faces().size(); ++f) {
@@ -300,7 +300,7 @@ void endOfACut(const Options& options, Report& report) {
   double dynamic_sum = 0.0;
   const int cuts = options.quick ? 20 : 400;
   for (int n = 0; n < cuts; ++n) {
-    CutTissue tissue({4, 6, 4});
+    CutBlock tissue({4, 6, 4});
     const double end = 1.5 + 3.0 * part(random);
     const double tilt = part(random) - 0.5;
     const double x = 1.2 + 1.6 * part(random);
@@ -325,7 +325,7 @@ void stepOfCutTissue(const Options& options, Report& report) {
       const bool ours = way == PieceStiffness::kEmbedded;
       if (!ours && (options.quick || poisson_ratio > 0.25))
         continue;
-      CutTissue cut(cells, kCutSpacingM, tissue(poisson_ratio));
+      CutBlock cut(cells, kCutSpacingM, tissue(poisson_ratio));
       const CutBody whole(cut, way);
       const double uncut_rad_s = whole.largestFrequency();
       cutCrosswise(cut);
@@ -339,7 +339,7 @@ void stepOfCutTissue(const Options& options, Report& report) {
     }
   }
   for (const double poisson_ratio : {0.25, 0.45, 0.49}) {
-    CutTissue chips(Vector3i::Constant(options.quick ? 5 : 8), kCutSpacingM, tissue(poisson_ratio));
+    CutBlock chips(Vector3i::Constant(options.quick ? 5 : 8), kCutSpacingM, tissue(poisson_ratio));
     const double uncut_rad_s = CutBody(chips, PieceStiffness::kEmbedded).largestFrequency();
     RandomStrokes strokes(20040801, chips.block.lattice.dims.x(), chips.h());
     const std::size_t wanted = options.quick ? 60 : 200;

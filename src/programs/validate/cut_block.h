@@ -15,15 +15,15 @@ namespace soft_volume::core::validate {
 constexpr double kCutSpacingM = 0.005;
 
 /// A block, the mesh of what it consists of, and the embedding through which the block follows its cuts.
-struct CutTissue {
-  explicit CutTissue(const Vector3i& cells, double spacing_m = kCutSpacingM, const Material& material = tissue());
+struct CutBlock {
+  explicit CutBlock(const Vector3i& cells, double spacing_m = kCutSpacingM, const Material& material = tissue());
 
   /// Cuts tissue whose mesh vertices are at `positions_m`; the lattice follows.
   BladeCutResult cut(const std::vector<SweptQuad>& quads, double reach_m, std::vector<Vector3>& positions_m);
   /// Cuts tissue at rest.
   BladeCutResult cut(const std::vector<SweptQuad>& quads);
-  /// Cuts the tissue of a simulation of the block, which adopts it; its lips press on each other.
-  BladeCutResult cut(const std::vector<SweptQuad>& quads, Simulation& simulation);
+  /// Cuts the tissue of a simulation of the block, which adopts it; lips press on each other or go through each other.
+  BladeCutResult cut(const std::vector<SweptQuad>& quads, Simulation& simulation, bool lips_press);
 
   std::vector<LipContact> lips() const;
   /// Where the mesh's vertices are when the lattice's are at `positions_m`.
@@ -47,7 +47,7 @@ std::vector<std::uint32_t> latticeParts(const Lattice& lattice);
 std::size_t cutPlaces(const Lattice& lattice);
 
 /// Two oblique incisions through the whole block, which cross near its middle.
-void cutCrosswise(CutTissue& tissue);
+void cutCrosswise(CutBlock& tissue);
 
 /// Strokes that are bad for a mesh, eight kinds in turn: planes along an axis and oblique ones, pieces of planes much
 /// smaller and much larger than the block, curved paths of many quads, planes through vertices, edges and faces

@@ -1,4 +1,4 @@
-#include "cut_tissue.h"
+#include "cut_block.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +9,10 @@
 
 namespace soft_volume::core::validate {
 
-CutTissue::CutTissue(const Vector3i& cells, double spacing_m, const Material& material)
+CutBlock::CutBlock(const Vector3i& cells, double spacing_m, const Material& material)
     : block(cells, Vector3::Constant(spacing_m), material), mesh(block.lattice), embedding(mesh) {}
 
-BladeCutResult CutTissue::cut(const std::vector<SweptQuad>& quads, double reach_m, std::vector<Vector3>& positions_m) {
+BladeCutResult CutBlock::cut(const std::vector<SweptQuad>& quads, double reach_m, std::vector<Vector3>& positions_m) {
   Lips lips;
   const BladeCutResult result =
       cutMesh(mesh, block.lattice, block.materials, CutResolution(), quads, reach_m, lips, positions_m);
@@ -20,24 +20,25 @@ BladeCutResult CutTissue::cut(const std::vector<SweptQuad>& quads, double reach_
   return result;
 }
 
-BladeCutResult CutTissue::cut(const std::vector<SweptQuad>& quads) {
+BladeCutResult CutBlock::cut(const std::vector<SweptQuad>& quads) {
   std::vector<Vector3> positions = mesh.restPositions();
   return cut(quads, 0.0, positions);
 }
 
-BladeCutResult CutTissue::cut(const std::vector<SweptQuad>& quads, Simulation& simulation) {
+BladeCutResult CutBlock::cut(const std::vector<SweptQuad>& quads, Simulation& simulation, bool lips_press) {
   std::vector<Vector3> positions = places(simulation.positions());
   const BladeCutResult result = cut(quads, simulation.reach(), positions);
   simulation.adoptTopology();
-  simulation.setLips(lips());
+  if (lips_press)
+    simulation.setLips(lips());
   return result;
 }
 
-std::vector<LipContact> CutTissue::lips() const {
+std::vector<LipContact> CutBlock::lips() const {
   return findLipContacts(mesh, embedding, block.lattice, block.materials, IncisionSettings());
 }
 
-std::vector<Vector3> CutTissue::places(const std::vector<Vector3>& positions_m) const {
+std::vector<Vector3> CutBlock::places(const std::vector<Vector3>& positions_m) const {
   std::vector<Vector3> placed(mesh.vertexCount());
   for (std::uint32_t v = 0; v < placed.size(); ++v)
     placed[v] = embedding.place(mesh, block.lattice, positions_m, v);
@@ -94,7 +95,7 @@ Vector3 RandomStrokes::anywhere() {
   return h_ * Vector3(x, y, range(0, cells_));
 }
 
-void cutCrosswise(CutTissue& tissue) {
+void cutCrosswise(CutBlock& tissue) {
   const double h = tissue.h();
   const Vector3 middle = 0.5 * tissue.size();
   tissue.cut({squareQuad(middle + h * Vector3(0.1, 0.23, 0.05), {0.1, 0.2, 1.0}, 20.0 * h)});
