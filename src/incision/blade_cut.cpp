@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <set>
 
 #include "blade_patch.h"
@@ -56,22 +57,23 @@ Vector3 centroidOf(const std::vector<Vector3>& polygon, const Vector3& normal) {
   return area > 0.0 ? Vector3(sum / area) : mean;
 }
 
-/// The work of one patch. `lips` are those of the patches that it continues, and get its own; those that are too far
-/// away for the next patch are dropped.
+/// The work of one patch. `last` is the one that it continues, and `sides` are those of the pieces at that; it leaves
+/// its own.
 class PatchCut {
  public:
   PatchCut(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
-           const CutResolution& resolution, const BladePatch& patch, double reach_m, std::vector<Vector3>& positions_m,
-           Lips& lips, BladeCutResult& result)
+           const CutResolution& resolution, const BladePatch& patch, const std::optional<BladePatch>& last,
+           double reach_m, std::vector<Vector3>& positions_m, std::map<std::uint32_t, int>& sides,
+           BladeCutResult& result)
       : mesh_(mesh),
         lattice_(lattice),
         materials_(materials),
         snap_m_(resolution.snap * lattice.spacing_m.minCoeff()),
         least_island_m3_(resolution.least_island * std::pow(lattice.spacing_m.minCoeff(), 3)),
         patch_(patch),
+        last_(last),
         positions_m_(positions_m),
-        lips_(lips),
-        sides_(lips.side_of_piece),
+        sides_(sides),
         result_(result),
         blade_(patch.plane, snap_m_, positions_m) {
     const double h = lattice.spacing_m.minCoeff();
@@ -82,13 +84,10 @@ class PatchCut {
   }
 
   void run() {
-    if (lips_.normal.dot(patch_.plane.normal) <= 0.0)
-      startAnew();
     forgetFarLips();
     splitAtBorder();
     splitByBlade();
     openFaces();
-    lips_.normal = patch_.plane.normal;
   }
 
  private:
@@ -103,12 +102,6 @@ class PatchCut {
       const auto& of_cell = mesh_.piecesOfCell(cell);
       pieces_.insert(pieces_.end(), of_cell.begin(), of_cell.end());
     });
-  }
-
-  /// A blade that turns back has its sides the other way round.
-  void startAnew() {
-    lips_.normal.setZero();
-    sides_.clear();
   }
 
   /// A patch starts where the last one ended, so its joints are near both.
@@ -329,23 +322,21 @@ class PatchCut {
     return edge.cross(middleOf(mesh_.verticesOf(piece)) - patch_.corners[0]).norm() < kJoint * snap_m_;
   }
 
-  /// Side of a piece whose middle is over or under the patch, in the gap between it and the patch before, or over or
-  /// under the end of that: a border may have parted it there since. 0 elsewhere.
+  /// Side of a piece whose middle is over or under the patch, the one before it (a border may have parted it there
+  /// since) or the gap between both; 0 elsewhere.
   int sideBeside(std::uint32_t piece) const {
     const Vector3 middle = middleOf(mesh_.verticesOf(piece));
-    if (std::any_of(patch_.sides.begin() + 1, patch_.sides.end(),
-                    [&](const Plane& side) { return side.distance(middle) < 0.0; }))
-      return 0;
-    if (patch_.sides[0].distance(middle) >= 0.0)
+    const auto isInside = [&](const Plane& side) { return side.distance(middle) >= 0.0; };
+    const bool is_between_ends = std::all_of(patch_.sides.begin() + 1, patch_.sides.end(), isInside);
+    if (is_between_ends && isInside(patch_.sides[0]))
       return sideOf(piece);
-    if (lips_.normal == Vector3::Zero())
+    if (!last_)
       return 0;
-    const Vector3 from_edge = middle - patch_.corners[0];
-    const Vector3 edge = (patch_.corners[1] - patch_.corners[0]).normalized();
-    const double beyond_last_m = lips_.normal.cross(edge).dot(from_edge);
-    if (beyond_last_m >= 0.0)
-      return sideOf(piece);
-    return beyond_last_m < -kJoint * snap_m_ ? 0 : lips_.normal.dot(from_edge) < 0.0 ? -1 : 1;
+    if (std::all_of(last_->sides.begin(), last_->sides.end(), isInside))
+      return last_->plane.distance(middle) < 0.0 ? -1 : 1;
+    const Vector3 edge = patch_.corners[1] - patch_.corners[0];
+    return is_between_ends && last_->plane.normal.cross(edge).dot(middle - patch_.corners[0]) >= 0.0 ? sideOf(piece)
+                                                                                                     : 0;
   }
 
   /// What the patch may pass by: what touches its plane, what is at the lips that it goes on from, and their
@@ -504,9 +495,9 @@ class PatchCut {
   double least_island_m3_;
   ShapeLimits limits_{};
   const BladePatch& patch_;
+  const std::optional<BladePatch>& last_;
   std::vector<Vector3>& positions_m_;
-  Lips& lips_;
-  std::map<std::uint32_t, int>& sides_;  // of lips_
+  std::map<std::uint32_t, int>& sides_;  // of pieces at the stroke
   BladeCutResult& result_;
   PlaneSides blade_;
   std::vector<PlaneSides> borders_;
@@ -522,6 +513,15 @@ void inheritSides(const CutMesh& mesh, Lips& lips) {
   }
 }
 
+std::optional<BladePatch> lastOf(const std::vector<BladePatch>& patches) {
+  return patches.empty() ? std::nullopt : std::optional(patches.back());
+}
+
+/// Then its sides are the other way round.
+bool turnsBack(const std::optional<BladePatch>& last, const BladePatch& patch) {
+  return last && last->plane.normal.dot(patch.plane.normal) <= 0.0;
+}
+
 }  // namespace
 
 BladeCutResult cutMesh(CutMesh& mesh, const Lattice& lattice, const std::vector<Material>& materials,
@@ -531,12 +531,25 @@ BladeCutResult cutMesh(CutMesh& mesh, const Lattice& lattice, const std::vector<
   const std::size_t vertices = mesh.vertexCount();
   BladeCutResult result;
   inheritSides(mesh, lips);
+  const auto patches = [&](const SweptQuad& quad) {
+    return patchesOf(quad, kFlatQuad * h, kNarrowPatch * resolution.snap * h);
+  };
   for (const SweptQuad& quad : quads) {
-    if (quad[0] != lips.edge_m[0] || quad[1] != lips.edge_m[1])
-      lips.normal.setZero();
+    std::optional<BladePatch> last =
+        lastOf(patches({lips.start_m[0], lips.start_m[1], lips.edge_m[1], lips.edge_m[0]}));
+    bool goes_on = quad[0] == lips.edge_m[0] && quad[1] == lips.edge_m[1];
+    lips.start_m = {quad[0], quad[1]};
     lips.edge_m = {quad[3], quad[2]};
-    for (const BladePatch& patch : patchesOf(quad, kFlatQuad * h, kNarrowPatch * resolution.snap * h))
-      PatchCut(mesh, lattice, materials, resolution, patch, reach_m, positions_m, lips, result).run();
+    for (const BladePatch& patch : patches(quad)) {
+      if (!goes_on || turnsBack(last, patch)) {
+        last.reset();
+        lips.side_of_piece.clear();
+      }
+      PatchCut(mesh, lattice, materials, resolution, patch, last, reach_m, positions_m, lips.side_of_piece, result)
+          .run();
+      last = patch;
+      goes_on = true;
+    }
   }
   lips.pieces_seen = static_cast<std::uint32_t>(mesh.pieces().size());
   result.vertices_added = static_cast<std::uint32_t>(mesh.vertexCount() - vertices);

@@ -132,7 +132,8 @@ void checkStroke(const TissueStroke& stroke, const CutMesh& mesh) {
           "a stroke ended at no place of the tissue");
   const Stroke::State& state = stroke.stroke;
   require(std::all_of(state.edges.begin(), state.edges.end(), isEdge) && isEdge(state.blade) &&
-              isEdge({state.lips.edge_m[0], state.lips.edge_m[1]}) && isFinite(state.lips.normal) &&
+              isEdge({state.lips.edge_m[0], state.lips.edge_m[1]}) &&
+              isEdge({state.lips.start_m[0], state.lips.start_m[1]}) &&
               state.lips.pieces_seen <= mesh.pieces().size() && (!state.has_joint || !state.edges.empty()),
           "a stroke's edge is not finite");
   for (const auto& [piece, side] : state.lips.side_of_piece)

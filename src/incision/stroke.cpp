@@ -65,6 +65,8 @@ std::optional<std::array<Vector3, 2>> Stroke::joint() const {
 void Stroke::moveJoint(const std::array<Vector3, 2>& edge_m) {
   assert(state_.has_joint && state_.lips.edge_m == *joint());
   state_.edges.front() = {edge_m[0], edge_m[1]};
+  for (std::size_t end = 0; end < 2; ++end)
+    state_.lips.start_m[end] += edge_m[end] - state_.lips.edge_m[end];
   state_.lips.edge_m = edge_m;
 }
 

@@ -40,7 +40,7 @@ StrokeState toMessage(const std::string& tool_id, const core::TissueStroke& stro
     message.lip_pieces.push_back(piece);
     message.lip_sides.push_back(static_cast<std::int8_t>(side));
   }
-  message.lips_normal = toVector(stroke.stroke.lips.normal);
+  message.lips_start = toPoints(stroke.stroke.lips.start_m[0], stroke.stroke.lips.start_m[1]);
   message.lips_pieces_seen = stroke.stroke.lips.pieces_seen;
   message.joint_offsets = toPoints(stroke.joint[0].offset_m, stroke.joint[1].offset_m);
   for (std::size_t end = 0; end < 2; ++end) {
@@ -75,7 +75,7 @@ core::TissueStroke fromMessage(const StrokeState& message) {
   stroke.stroke.blade = toEdge(fromPoints(message.blade));
   stroke.stroke.has_joint = message.has_joint != 0;
   stroke.stroke.lips.edge_m = fromPoints(message.lips_edge);
-  stroke.stroke.lips.normal = fromVector(message.lips_normal);
+  stroke.stroke.lips.start_m = fromPoints(message.lips_start);
   stroke.stroke.lips.pieces_seen = message.lips_pieces_seen;
   require(message.lip_pieces.size() == message.lip_sides.size(), "lip_pieces and lip_sides do not fit");
   for (std::size_t n = 0; n < message.lip_pieces.size(); ++n)

@@ -37,9 +37,9 @@ struct BladeCutResult {
 /// What the quads of a stroke leave for those that continue it, in this call of cutMesh() or a later one. Plain data,
 /// the size of a patch's neighbourhood however long the stroke is; belongs to a saved state.
 struct Lips {
-  std::array<Vector3, 2> edge_m = {Vector3::Zero(), Vector3::Zero()};  ///< tip and heel where the last quad ended
-  Vector3 normal = Vector3::Zero();            ///< of the last patch; zero at the start of a stroke
-  std::map<std::uint32_t, int> side_of_piece;  ///< -1 or 1; empty at the start of a stroke
+  std::array<Vector3, 2> edge_m = {Vector3::Zero(), Vector3::Zero()};   ///< tip and heel where the last quad ended
+  std::array<Vector3, 2> start_m = {Vector3::Zero(), Vector3::Zero()};  ///< where it began
+  std::map<std::uint32_t, int> side_of_piece;                           ///< -1 or 1; empty at the start of a stroke
   std::uint32_t pieces_seen = 0;  ///< later ones were split off by others and are on the side of their origin
 };
 
