@@ -58,7 +58,7 @@ LipRow makeLipRow(const Lattice& lattice, const LipContact& contact) {
   return row;
 }
 
-LipGap lipGap(const LipRow& row, const std::vector<Vector3>& displacements_m, double reach_m) {
+LipState lipState(const LipRow& row, const std::vector<Vector3>& displacements_m, double shortest_edge_m) {
   Vector3 apart = Vector3::Zero();
   std::array<Vector3, 2> tangents = row.tangents;
   for (const LipRow::Corner& corner : row.corners) {
@@ -67,7 +67,7 @@ LipGap lipGap(const LipRow& row, const std::vector<Vector3>& displacements_m, do
     tangents[0] += corner.along[0] * u;
     tangents[1] += corner.along[1] * u;
   }
-  return lipGap(apart, tangents, reach_m);
+  return lipState(apart, tangents, shortest_edge_m);
 }
 
 double lipEnergy(double stiffness_n_m, double gap_m, double most_m) {

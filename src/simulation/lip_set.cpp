@@ -22,8 +22,8 @@ std::size_t bytesOf(const std::vector<T>& values) {
 
 template <typename Real>
 void LipSet<Real>::build(const Lattice& lattice, const std::vector<LipContact>& contacts, const SolveSet<Real>& set) {
-  reach_m_ = kLipReach * lattice.spacing_m.minCoeff();
-  most_m_ = kLipDepth * lattice.spacing_m.minCoeff();
+  shortest_edge_m_ = lattice.spacing_m.minCoeff();
+  most_m_ = kLipDepth * shortest_edge_m_;
   contacts_.clear();
   corners_.clear();
   nodes_.clear();
@@ -47,10 +47,11 @@ void LipSet<Real>::build(const Lattice& lattice, const std::vector<LipContact>& 
       vertices.push_back(local(corner));
     }
   }
-  gaps_.resize(contacts_.size());
+  states_.assign(contacts_.size(), {});
+  pulls_.assign(corners_.size(), 0.0);
   depths_m_.assign(contacts_.size(), 0.0);
   stiff_.assign(contacts_.size(), 0);
-  forces_n_.assign(contacts_.size(), Vector3::Zero());
+  forces_n_.assign(contacts_.size(), {});
   links_.resize(corners_.size());
   if (contacts_.empty())
     return;
@@ -73,7 +74,7 @@ void LipSet<Real>::build(const Lattice& lattice, const std::vector<LipContact>& 
   contacts_.back().corners_begin = static_cast<std::uint32_t>(corners_.size());
   for (std::uint32_t n = 0; n + 1 < contacts_.size(); ++n) {
     for (std::uint32_t c = contacts_[n].corners_begin; c < contacts_[n + 1].corners_begin; ++c)
-      links_[next[corners_[c].node]++] = {n, corners_[c].weight};
+      links_[next[corners_[c].node]++] = {n, c};
   }
 }
 
@@ -105,22 +106,36 @@ void LipSet<Real>::readNode(const KernelView<Real>& view, const AdvanceRule<Real
     node.ahead_m[d] = dt * kept * double(view.velocity[d][v]) + node.yield_m_n * double(view.force[d][v]);
 }
 
+/// How the gap of a contact follows a corner.
 template <typename Real>
-void LipSet<Real>::findGap(std::size_t n) {
+Vector3 LipSet<Real>::gradient(std::size_t contact, const Corner& corner) const {
+  const LipState& state = states_[contact];
+  return double(corner.weight) * state.normal + double(corner.along[0]) * state.tilt[0] +
+         double(corner.along[1]) * state.tilt[1];
+}
+
+template <typename Real>
+void LipSet<Real>::findDepth(std::size_t n) {
   const Contact& contact = contacts_[n];
+  const std::uint32_t end = contacts_[n + 1].corners_begin;
   std::array<Vector3, 2> tangents = contact.tangents;
-  Vector3 now = Vector3::Zero();
-  Vector3 ahead = Vector3::Zero();
-  for (std::uint32_t c = contact.corners_begin; c < contacts_[n + 1].corners_begin; ++c) {
-    const Corner& corner = corners_[c];
-    const Node& node = nodes_[corner.node];
-    now += double(corner.weight) * node.displacement_m;
-    ahead += double(corner.weight) * node.ahead_m;
-    tangents[0] += double(corner.along[0]) * node.displacement_m;
-    tangents[1] += double(corner.along[1]) * node.displacement_m;
+  Vector3 apart = Vector3::Zero();
+  for (std::uint32_t c = contact.corners_begin; c < end; ++c) {
+    const Vector3& u = nodes_[corners_[c].node].displacement_m;
+    apart += double(corners_[c].weight) * u;
+    tangents[0] += double(corners_[c].along[0]) * u;
+    tangents[1] += double(corners_[c].along[1]) * u;
   }
-  gaps_[n] = lipGap(now, tangents, reach_m_);
-  const double gap_m = std::max(gaps_[n].gap_m, -most_m_) + gaps_[n].normal.dot(ahead);
+  states_[n] = lipState(apart, tangents, shortest_edge_m_);
+  depths_m_[n] = 0.0;
+  if (states_[n].hold <= 0.0)
+    return;
+  double gap_m = std::max(states_[n].gap_m, -most_m_);
+  for (std::uint32_t c = contact.corners_begin; c < end; ++c) {
+    const Vector3 by_corner = gradient(n, corners_[c]);
+    gap_m += by_corner.dot(nodes_[corners_[c].node].ahead_m);
+    pulls_[c] = by_corner.norm();
+  }
   depths_m_[n] = std::max(0.0, -gap_m);
 }
 
@@ -128,16 +143,31 @@ template <typename Real>
 double LipSet<Real>::stepForce(std::size_t n) const {
   double yield = 0.0;
   for (std::uint32_t c = contacts_[n].corners_begin; c < contacts_[n + 1].corners_begin; ++c)
-    yield += std::abs(double(corners_[c].weight)) * nodes_[corners_[c].node].pressed_m3_n;
-  return depths_m_[n] / (contacts_[n].compliance_m_n + yield / contacts_[n].area_m2);
+    yield += pulls_[c] * nodes_[corners_[c].node].pressed_m3_n;
+  return depths_m_[n] / (contacts_[n].compliance_m_n / states_[n].hold + yield / contacts_[n].area_m2);
+}
+
+/// From the force along the gradient of the gap, which is more or less than that of the present depth.
+template <typename Real>
+void LipSet<Real>::setForce(std::size_t n, double pressed_n) {
+  const LipState& state = states_[n];
+  const double depth_m = std::max(0.0, -state.gap_m);
+  const double energy_j = pressed_n > 0.0 ? pressed_n / state.hold * (depth_m - 0.5 * std::min(depth_m, most_m_)) : 0.0;
+  forces_n_[n].by_weight = (pressed_n + contacts_[n].opening_n) * state.normal + energy_j * state.slide;
+  for (std::size_t k = 0; k < 2; ++k)
+    forces_n_[n].by_along[k] = pressed_n * state.tilt[k] + energy_j * state.shrink[k];
 }
 
 template <typename Real>
 void LipSet<Real>::gatherForces(const KernelView<Real>& view, int threads) {
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) {
     Vector3 sum = Vector3::Zero();
-    for (std::uint32_t l = nodes_[n].links_begin; l < nodes_[n + 1].links_begin; ++l)
-      sum += double(links_[l].weight) * forces_n_[links_[l].contact];
+    for (std::uint32_t l = nodes_[n].links_begin; l < nodes_[n + 1].links_begin; ++l) {
+      const Force& force = forces_n_[links_[l].contact];
+      const Corner& corner = corners_[links_[l].corner];
+      sum += double(corner.weight) * force.by_weight + double(corner.along[0]) * force.by_along[0] +
+             double(corner.along[1]) * force.by_along[1];
+    }
     for (int d = 0; d < 3; ++d)
       view.force[d][nodes_[n].vertex] += static_cast<Real>(sum[d]);
   });
@@ -149,19 +179,16 @@ void LipSet<Real>::addForces(const KernelView<Real>& view, const AdvanceRule<Rea
     return;
   const std::size_t count = contacts_.size() - 1;
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) { readNode(view, &rule, nodes_[n]); });
-  overAll(count, threads, [&](std::size_t n) { findGap(n); });
+  overAll(count, threads, [&](std::size_t n) { findDepth(n); });
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) {
     double area_m2 = 0.0;
     for (std::uint32_t l = nodes_[n].links_begin; l < nodes_[n + 1].links_begin; ++l) {
       if (depths_m_[links_[l].contact] > 0.0)
-        area_m2 += std::abs(double(links_[l].weight)) * contacts_[links_[l].contact].area_m2;
+        area_m2 += pulls_[links_[l].corner] * contacts_[links_[l].contact].area_m2;
     }
     nodes_[n].pressed_m3_n = nodes_[n].yield_m_n * area_m2;
   });
-  overAll(count, threads, [&](std::size_t n) {
-    const double pressed_n = depths_m_[n] > 0.0 ? stepForce(n) : 0.0;
-    forces_n_[n] = (pressed_n + contacts_[n].opening_n) * gaps_[n].normal;
-  });
+  overAll(count, threads, [&](std::size_t n) { setForce(n, depths_m_[n] > 0.0 ? stepForce(n) : 0.0); });
   gatherForces(view, threads);
 }
 
@@ -172,11 +199,12 @@ void LipSet<Real>::addPresentForces(const KernelView<Real>& view, int threads) {
   const std::size_t count = contacts_.size() - 1;
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) { readNode(view, nullptr, nodes_[n]); });
   overAll(count, threads, [&](std::size_t n) {
-    findGap(n);
-    forces_n_[n] = (depths_m_[n] / contacts_[n].compliance_m_n + contacts_[n].opening_n) * gaps_[n].normal;
+    findDepth(n);
+    const LipState& state = states_[n];
+    setForce(n, state.hold * depths_m_[n] / contacts_[n].compliance_m_n);
     // Beyond the depth where the force grows no more there is no stiffness. Lips that are about to meet have theirs:
     // otherwise Newton's method would press them far into each other and its step would be refused.
-    stiff_[n] = gaps_[n].facing && gaps_[n].gap_m >= -most_m_ && gaps_[n].gap_m < kAboutToMeet * most_m_ ? 1 : 0;
+    stiff_[n] = state.hold > 0.0 && state.gap_m >= -most_m_ && state.gap_m < kAboutToMeet * most_m_ ? 1 : 0;
   });
   gatherForces(view, threads);
 }
@@ -186,18 +214,16 @@ void LipSet<Real>::addProduct(const std::vector<Real> (&direction)[3], std::vect
   for (std::size_t n = 0; n + 1 < contacts_.size(); ++n) {
     if (!stiff_[n])
       continue;
-    const Vector3& normal = gaps_[n].normal;
     double along = 0.0;
     for (std::uint32_t c = contacts_[n].corners_begin; c < contacts_[n + 1].corners_begin; ++c) {
       const std::uint32_t v = nodes_[corners_[c].node].vertex;
-      for (int d = 0; d < 3; ++d)
-        along += double(corners_[c].weight) * normal[d] * double(direction[d][v]);
+      along += gradient(n, corners_[c]).dot(Vector3(direction[0][v], direction[1][v], direction[2][v]));
     }
-    along /= contacts_[n].compliance_m_n;
+    along *= states_[n].hold / contacts_[n].compliance_m_n;
     for (std::uint32_t c = contacts_[n].corners_begin; c < contacts_[n + 1].corners_begin; ++c) {
-      const std::uint32_t v = nodes_[corners_[c].node].vertex;
+      const Vector3 by_corner = gradient(n, corners_[c]);
       for (int d = 0; d < 3; ++d)
-        product[d][v] += static_cast<Real>(double(corners_[c].weight) * along * normal[d]);
+        product[d][nodes_[corners_[c].node].vertex] += static_cast<Real>(along * by_corner[d]);
     }
   }
 }
@@ -208,18 +234,17 @@ void LipSet<Real>::addDiagonal(std::vector<Real> (&diagonal)[3]) const {
     if (!stiff_[n])
       continue;
     for (std::uint32_t c = contacts_[n].corners_begin; c < contacts_[n + 1].corners_begin; ++c) {
-      for (int d = 0; d < 3; ++d) {
-        const double entry = double(corners_[c].weight) * gaps_[n].normal[d];
-        diagonal[d][nodes_[corners_[c].node].vertex] += static_cast<Real>(entry * entry / contacts_[n].compliance_m_n);
-      }
+      const Vector3 entries = states_[n].hold / contacts_[n].compliance_m_n * gradient(n, corners_[c]).cwiseAbs2();
+      for (int d = 0; d < 3; ++d)
+        diagonal[d][nodes_[corners_[c].node].vertex] += static_cast<Real>(entries[d]);
     }
   }
 }
 
 template <typename Real>
 std::size_t LipSet<Real>::bytes() const {
-  return bytesOf(contacts_) + bytesOf(corners_) + bytesOf(nodes_) + bytesOf(links_) + bytesOf(gaps_) +
-         bytesOf(depths_m_) + bytesOf(stiff_) + bytesOf(forces_n_);
+  return bytesOf(contacts_) + bytesOf(corners_) + bytesOf(nodes_) + bytesOf(links_) + bytesOf(pulls_) +
+         bytesOf(states_) + bytesOf(depths_m_) + bytesOf(stiff_) + bytesOf(forces_n_);
 }
 
 template class LipSet<float>;

@@ -16,13 +16,14 @@ namespace soft_volume::core {
 /// the end of it: with u* the displacements that all other forces and the velocities lead to, gap* of these, W the
 /// matrix of what the contacts' forces add to the gaps in the step, and areas A,
 ///
-///   F = max(0, -gap*) / (1 / k + D),   D_i = sum over j of |W_ij| A_j / A_i   over the contacts with gap* < 0.
+///   hold p = max(0, -gap*) / (1 / (hold k) + D),   D_i = sum over j of |W_ij| A_j / A_i   over the contacts with gap*
+///   < 0.
 ///
 /// D - W has no negative eigenvalue, so this is backward Euler of a penalty with the compliance 1 / k + D - W: it never
 /// shortens the stable step and takes energy out of an impact, none in. Even pressure is in the null space of D - W
-/// where a cell has one cut: in equilibrium it is carried by k exactly, whatever the step. What varies from point to
-/// point of a cell's lip is carried more softly, by no less than about E A / h at 0.6 of the stable step; and so are
-/// the lips of several cuts through one cell.
+/// where a cell has one cut and lips have not slid: in equilibrium it is carried by k exactly, whatever the step. What
+/// varies from point to point of a cell's lip is carried more softly, by no less than about E A / h at 0.6 of the
+/// stable step; and so are the lips of several cuts through one cell.
 ///
 /// Backward Euler takes the penalty as it is, with its stiffness along the normal.
 template <typename Real>
@@ -65,26 +66,34 @@ class LipSet {
   };
   struct Link {
     std::uint32_t contact;
-    Real weight;
+    std::uint32_t corner;
+  };
+  /// Of a contact on its corners, to be taken by weight and by along[k].
+  struct Force {
+    Vector3 by_weight = Vector3::Zero();
+    std::array<Vector3, 2> by_along = {Vector3::Zero(), Vector3::Zero()};
   };
 
   template <typename Pass>
   void overAll(std::size_t count, int threads, const Pass& pass) const;
   void readNode(const KernelView<Real>& view, const AdvanceRule<Real>* rule, Node& node) const;
-  void findGap(std::size_t contact);
+  Vector3 gradient(std::size_t contact, const Corner& corner) const;
+  void findDepth(std::size_t contact);
+  void setForce(std::size_t contact, double pressed_n);
   double stepForce(std::size_t contact) const;
   void gatherForces(const KernelView<Real>& view, int threads);
 
-  double reach_m_ = 0.0;
+  double shortest_edge_m_ = 0.0;
   double most_m_ = 0.0;
   std::vector<Contact> contacts_;  // and one more that ends the last one's corners
   std::vector<Corner> corners_;
   std::vector<Node> nodes_;  // likewise
   std::vector<Link> links_;
-  std::vector<LipGap> gaps_;         // gap_m where the step leads
-  std::vector<double> depths_m_;     // how deep a contact is when the step ends; 0: not pressed
+  std::vector<double> pulls_;  // per corner: length of the gap's gradient
+  std::vector<LipState> states_;
+  std::vector<double> depths_m_;     // how deep a contact would be when the step ends; 0: not pressed
   std::vector<std::uint8_t> stiff_;  // for backward Euler
-  std::vector<Vector3> forces_n_;
+  std::vector<Force> forces_n_;
 };
 
 }  // namespace soft_volume::core

@@ -657,10 +657,15 @@ double Simulation::Impl::altitudeEnergy(const OracleModel& oracle) const {
 void Simulation::Impl::addLipForces() const {
   const double h = model.shortest_edge_m;
   for (std::size_t n = 0; n < lips.size(); ++n) {
-    const LipGap gap = lipGap(lip_rows[n], state.displacements_m, kLipReach * h);
-    const double force_n = lipForce(lips[n].stiffness_n_m, gap.gap_m, kLipDepth * h) + lips[n].opening_n;
-    for (const LipRow::Corner& corner : lip_rows[n].corners)
-      forces_n[corner.vertex] += corner.weight * force_n * gap.normal;
+    const LipState lip = lipState(lip_rows[n], state.displacements_m, h);
+    const double pressed_n = lip.hold * lipForce(lips[n].stiffness_n_m, lip.gap_m, kLipDepth * h);
+    const double energy_j = lipEnergy(lips[n].stiffness_n_m, lip.gap_m, kLipDepth * h);
+    for (const LipRow::Corner& corner : lip_rows[n].corners) {
+      Vector3 force = corner.weight * ((pressed_n + lips[n].opening_n) * lip.normal + energy_j * lip.slide);
+      for (std::size_t k = 0; k < 2; ++k)
+        force += corner.along[k] * (pressed_n * lip.tilt[k] + energy_j * lip.shrink[k]);
+      forces_n[corner.vertex] += force;
+    }
   }
 }
 
@@ -668,8 +673,8 @@ double Simulation::Impl::lipsEnergy() const {
   const double h = model.shortest_edge_m;
   double energy = 0.0;
   for (std::size_t n = 0; n < lips.size(); ++n) {
-    const LipGap gap = lipGap(lip_rows[n], state.displacements_m, kLipReach * h);
-    energy += lipEnergy(lips[n].stiffness_n_m, gap.gap_m, kLipDepth * h);
+    const LipState lip = lipState(lip_rows[n], state.displacements_m, h);
+    energy += lip.hold * lipEnergy(lips[n].stiffness_n_m, lip.gap_m, kLipDepth * h);
   }
   return energy;
 }
