@@ -57,8 +57,11 @@ device:
 )";
 }
 
+/// Its cuts open by themselves.
 inline Scene smallScene() {
-  return parseScene(smallSceneText(), "small scene", "/data");
+  Scene scene = parseScene(smallSceneText(), "small scene", "/data");
+  scene.incision.rest_fraction = 0.75;
+  return scene;
 }
 
 /// The block of the scene above: 100 inside, voxels of 2 mm, tissue up to z = 31 mm and air above it.

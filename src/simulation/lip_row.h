@@ -17,7 +17,7 @@ constexpr double kLipReach[2] = {0.5, 1.0};
 constexpr double kLipFacing[2] = {0.6, 0.3};
 /// Deeper than this, in shortest cell edges, the force grows no more: lips that come back from where they slid past
 /// each other are pushed apart, not blown.
-constexpr double kLipDepth = 0.1;
+constexpr double kLipDepth = 0.04;
 
 /// A contact as the vertices of the lattice see it. With u their displacements,
 ///

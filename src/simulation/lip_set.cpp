@@ -10,8 +10,8 @@ namespace {
 /// Fewer are done sooner by one thread than several have met.
 constexpr std::size_t kParallel = 1024;
 constexpr std::size_t kChunk = 64;
-/// A gap that counts as none for Newton's method, in units of the depth where the force grows no more.
-constexpr double kAboutToMeet = 1e-2;
+/// A gap that counts as none for Newton's method, in shortest cell edges.
+constexpr double kAboutToMeet = 1e-3;
 
 template <typename T>
 std::size_t bytesOf(const std::vector<T>& values) {
@@ -24,6 +24,7 @@ template <typename Real>
 void LipSet<Real>::build(const Lattice& lattice, const std::vector<LipContact>& contacts, const SolveSet<Real>& set) {
   shortest_edge_m_ = lattice.spacing_m.minCoeff();
   most_m_ = kLipDepth * shortest_edge_m_;
+  reach_m_ = kLipReach[1] * shortest_edge_m_;
   contacts_.clear();
   corners_.clear();
   nodes_.clear();
@@ -115,7 +116,7 @@ Vector3 LipSet<Real>::gradient(std::size_t contact, const Corner& corner) const 
 }
 
 template <typename Real>
-void LipSet<Real>::findDepth(std::size_t n) {
+void LipSet<Real>::findDepth(std::size_t n, double most_m) {
   const Contact& contact = contacts_[n];
   const std::uint32_t end = contacts_[n + 1].corners_begin;
   std::array<Vector3, 2> tangents = contact.tangents;
@@ -130,7 +131,7 @@ void LipSet<Real>::findDepth(std::size_t n) {
   depths_m_[n] = 0.0;
   if (states_[n].hold <= 0.0)
     return;
-  double gap_m = std::max(states_[n].gap_m, -most_m_);
+  double gap_m = std::max(states_[n].gap_m, -most_m);
   for (std::uint32_t c = contact.corners_begin; c < end; ++c) {
     const Vector3 by_corner = gradient(n, corners_[c]);
     gap_m += by_corner.dot(nodes_[corners_[c].node].ahead_m);
@@ -179,7 +180,7 @@ void LipSet<Real>::addForces(const KernelView<Real>& view, const AdvanceRule<Rea
     return;
   const std::size_t count = contacts_.size() - 1;
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) { readNode(view, &rule, nodes_[n]); });
-  overAll(count, threads, [&](std::size_t n) { findDepth(n); });
+  overAll(count, threads, [&](std::size_t n) { findDepth(n, most_m_); });
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) {
     double area_m2 = 0.0;
     for (std::uint32_t l = nodes_[n].links_begin; l < nodes_[n + 1].links_begin; ++l) {
@@ -199,12 +200,12 @@ void LipSet<Real>::addPresentForces(const KernelView<Real>& view, int threads) {
   const std::size_t count = contacts_.size() - 1;
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) { readNode(view, nullptr, nodes_[n]); });
   overAll(count, threads, [&](std::size_t n) {
-    findDepth(n);
+    findDepth(n, reach_m_);
     const LipState& state = states_[n];
     setForce(n, state.hold * depths_m_[n] / contacts_[n].compliance_m_n);
-    // Beyond the depth where the force grows no more there is no stiffness. Lips that are about to meet have theirs:
-    // otherwise Newton's method would press them far into each other and its step would be refused.
-    stiff_[n] = state.hold > 0.0 && state.gap_m >= -most_m_ && state.gap_m < kAboutToMeet * most_m_ ? 1 : 0;
+    // Lips that are about to meet are stiff, too: otherwise Newton's method would press them far into each other and
+    // its step would be refused.
+    stiff_[n] = state.hold > 0.0 && state.gap_m < kAboutToMeet * shortest_edge_m_ ? 1 : 0;
   });
   gatherForces(view, threads);
 }

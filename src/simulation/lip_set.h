@@ -25,7 +25,8 @@ namespace soft_volume::core {
 /// varies from point to point of a cell's lip is carried more softly, by no less than about E A / h at 0.6 of the
 /// stable step; and so are the lips of several cuts through one cell.
 ///
-/// Backward Euler takes the penalty as it is, with its stiffness along the normal.
+/// Backward Euler takes the penalty as it is, with its stiffness along the normal, and without the bound of its depth:
+/// lips that meet in one of its long steps go deep before they part.
 template <typename Real>
 class LipSet {
  public:
@@ -78,13 +79,14 @@ class LipSet {
   void overAll(std::size_t count, int threads, const Pass& pass) const;
   void readNode(const KernelView<Real>& view, const AdvanceRule<Real>* rule, Node& node) const;
   Vector3 gradient(std::size_t contact, const Corner& corner) const;
-  void findDepth(std::size_t contact);
+  void findDepth(std::size_t contact, double most_m);
   void setForce(std::size_t contact, double pressed_n);
   double stepForce(std::size_t contact) const;
   void gatherForces(const KernelView<Real>& view, int threads);
 
   double shortest_edge_m_ = 0.0;
   double most_m_ = 0.0;
+  double reach_m_ = 0.0;
   std::vector<Contact> contacts_;  // and one more that ends the last one's corners
   std::vector<Corner> corners_;
   std::vector<Node> nodes_;  // likewise

@@ -371,7 +371,7 @@ TEST(LipContacts, ImpactsKeepMomentumAndTakeEnergyOut) {
     simulation.restore(state);
     const Mechanics before = simulation.mechanics();
     double deepest = 0.0;
-    for (int n = 0; n < 300; ++n) {
+    for (double t = 0.0; t < 0.1; t += simulation.settings().dt_s) {
       simulation.step();
       deepest = std::max(deepest, penetration(block, simulation));
       const Mechanics now = simulation.mechanics();
@@ -379,7 +379,7 @@ TEST(LipContacts, ImpactsKeepMomentumAndTakeEnergyOut) {
                 (integrator == Integrator::kBackwardEuler ? 1e-6 : 1e-12) * before.linear_momentum_kg_m_s.norm());
       // Within a step of Runge-Kutta lips answer with less than their stiffness, so the energy of a depth is less, too.
       if (integrator == Integrator::kSymplecticEuler || integrator == Integrator::kBackwardEuler) {
-        ASSERT_LT(now.kinetic_j + now.elastic_j, 1.02 * before.kinetic_j) << n;
+        ASSERT_LT(now.kinetic_j + now.elastic_j, 1.02 * before.kinetic_j) << t;
       }
     }
     EXPECT_LT(simulation.mechanics().kinetic_j + simulation.mechanics().elastic_j, before.kinetic_j);
@@ -460,7 +460,7 @@ TEST(LipContacts, ACutBlockStandsViolentLoadsAndSettles) {
     const double speed = simulation.maxSpeed();
     simulation.setLoads({});
     runFor(simulation, 0.75);
-    EXPECT_LT(simulation.maxSpeed(), std::max(0.1 * speed, 1e-3)) << integrator.name;
+    EXPECT_LT(simulation.maxSpeed(), std::max(0.2 * speed, 1e-3)) << integrator.name;
     EXPECT_GT(simulation.minWidth(), 0.0);
   }
 }

@@ -20,7 +20,7 @@ struct IncisionSettings {
   IncisionMethod method = IncisionMethod::kPieces;
   /// Rest lengths across the lips, in the cells along the cut, are shortened to this fraction so that the cut opens
   /// (section 4.4.2, last paragraph).
-  double rest_fraction = 0.75;
+  double rest_fraction = 1.0;
   /// Outward force on the lips of a cut, per rest area, that pulls them apart (the same paragraph).
   double opening_pressure_pa = 0.0;
 };
