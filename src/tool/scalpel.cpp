@@ -9,6 +9,7 @@ namespace {
 
 constexpr double kLookDistance = 0.001;  // metres between two looks for tissue, along the edge and along the sweep
 constexpr int kMaxLooks = 32;
+constexpr double kLeaveDistance = 0.005;  // metres in air that end a stroke
 
 int looks(double distance_m) {
   return int(std::clamp(std::ceil(distance_m / kLookDistance), 1.0, double(kMaxLooks)));
@@ -38,6 +39,7 @@ bool Scalpel::sweptTissue(const PatchContact& field, const Edge& from, const Edg
 
 bool Scalpel::lift() {
   start_.reset();
+  in_air_m_ = 0.0;
   return std::exchange(has_cut_, false);
 }
 
@@ -52,17 +54,21 @@ bool Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<Swept
     return false;
   }
   start_->in_tissue = now.in_tissue;
-  if (!start_in_tissue_ && !now.in_tissue && !sweptTissue(field, *start_, now)) {
+  const bool tissue = start_in_tissue_ || now.in_tissue || sweptTissue(field, *start_, now);
+  const double moved = std::max((now.tip - start_->tip).norm(), (now.heel - start_->heel).norm());
+  const double in_air_m = tissue ? 0.0 : in_air_m_ + moved;
+  if (!tissue && (!has_cut_ || in_air_m >= kLeaveDistance)) {
     start_ = now;
+    in_air_m_ = 0.0;
     return std::exchange(has_cut_, false);
   }
-  const double moved = std::max((now.tip - start_->tip).norm(), (now.heel - start_->heel).norm());
   if (moved < min_move_m_)
     return false;
   quads.push_back({start_->tip, start_->heel, now.heel, now.tip});
   start_ = now;
   start_in_tissue_ = now.in_tissue;
   has_cut_ = true;
+  in_air_m_ = in_air_m;
   return false;
 }
 

@@ -117,6 +117,28 @@ TEST_F(ScalpelTest, LeavingTheTissueEndsAStrokeOnce) {
   EXPECT_FALSE(scalpel_.lift());
 }
 
+TEST_F(ScalpelTest, AGapIsCrossedInOneStrokeUnlessItIsWide) {
+  for (const double width : {0.003, 0.009}) {
+    const auto lips =
+        makeVolume({33, 33, 31}, 0.001, [&](const Vector3& p) { return std::abs(p.x() - 0.016) - 0.5 * width; });
+    tissue_ = makeTissue(lips, {8, 8, 7}, Vector3::Constant(0.002), 0.0035);
+    field_ = PatchContact(lips, 0.0);
+    field_.update(tissue_.topology, tissue_.patch);
+    scalpel_.lift();
+    quads_.clear();
+    ends_ = 0;
+    draw({0.004, 0.015, 0.010}, {0.028, 0.015, 0.010}, 0.05);
+    EXPECT_EQ(ends_, width < 0.005 ? 0 : 1);
+    EXPECT_TRUE(scalpel_.lift());
+    if (ends_ == 0)
+      expectNoGaps();
+    double cut = 0.0;
+    for (const SweptQuad& quad : quads_)
+      cut += (quad[3] - quad[0]).norm();
+    EXPECT_GT(cut, ends_ == 0 ? 0.023 : 0.018);
+  }
+}
+
 TEST_F(ScalpelTest, BladeThatDidNotCutHasNoStrokeToEnd) {
   cutAt({0.030, 0.030, 0.035});
   EXPECT_FALSE(scalpel_.lift());

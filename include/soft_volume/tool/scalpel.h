@@ -15,7 +15,8 @@ namespace soft_volume::core {
 /// quad is emitted once one end of the edge has moved at least `min_move_m` since the last quad, and starts where that
 /// one ended, so a stroke has no gaps whatever its speed, and a blade that stands still cuts nothing. The stroke begins
 /// with the last pose before the tissue, so that the skin is cut too, and it ends, without a rest shorter than
-/// `min_move_m`, when the blade has left the tissue, the button is let go or the device fails. One thread at a time.
+/// `min_move_m`, when the blade has been out of the tissue for 5 mm of its way, the button is let go or the device
+/// fails: an incision that gapes, or one that is crossed, does not break a stroke in two. One thread at a time.
 class Scalpel {
  public:
   Scalpel(double blade_length_m, double min_move_m) : blade_length_m_(blade_length_m), min_move_m_(min_move_m) {}
@@ -42,6 +43,7 @@ class Scalpel {
   std::optional<Edge> start_;     // edge where the next quad begins; in_tissue is that of the newest pose
   bool start_in_tissue_ = false;  // whether the quad's beginning lies in tissue
   bool has_cut_ = false;          // the stroke under way has emitted quads
+  double in_air_m_ = 0.0;         // way of the blade since it was in tissue
 };
 
 }  // namespace soft_volume::core
