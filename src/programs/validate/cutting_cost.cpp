@@ -60,14 +60,16 @@ void costOfAStroke(int cells, Report& report) {
 /// A block on a floor under a pull at its top.
 class MovingBlock {
  public:
-  MovingBlock(const Vector3i& cells, void (*cut)(CutBlock&)) : tissue_(cells, kCutSpacingM, tissue(0.45, 0.3)) {
+  MovingBlock(const Vector3i& cells, void (*cut)(CutBlock&), bool lips_press)
+      : tissue_(cells, kCutSpacingM, tissue(0.45, 0.3)) {
     tissue_.block.fixWhere([](const Vector3i& n) { return n.z() == 0; });
     if (cut != nullptr)
       cut(tissue_);
     SimulationSettings settings;
     settings.active_set = ActiveSet::kAll;
     simulation_ = std::make_unique<Simulation>(tissue_.block.lattice, tissue_.block.materials, settings, 1);
-    simulation_->setLips(tissue_.lips());
+    if (lips_press)
+      simulation_->setLips(tissue_.lips());
     std::vector<VertexLoad> loads;
     for (const std::uint32_t v : tissue_.block.layer(2, cells.z()))
       loads.push_back({v, {simulation_->mass(v) * 5.0, 0.0, 0.0}});
@@ -94,18 +96,21 @@ void cutAcross(CutBlock& tissue) {
   tissue.cut({squareQuad(0.5 * tissue.size() + tissue.h() * Vector3(0.1, 0.2, 0.3), {0.01, 0.02, 1.0}, 1.0)});
 }
 
-void costOfASecond(const Vector3i& cells, void (*cut)(CutBlock&), double bound, Report& report) {
-  MovingBlock whole_block(cells, nullptr);
-  MovingBlock cut_block(cells, cut);
-  std::vector<double> ratios;
-  for (int n = 0; n < 15; ++n) {  // side by side, so that what else runs slows both down
+void costOfASecond(const Vector3i& cells, void (*cut)(CutBlock&), Report& report) {
+  MovingBlock whole_block(cells, nullptr, false);
+  MovingBlock free_lips(cells, cut, false);
+  MovingBlock pressed_lips(cells, cut, true);
+  std::vector<double> free_more;
+  std::vector<double> pressed_more;
+  for (int n = 0; n < 15; ++n) {  // side by side, so that what else runs slows all down
     const double whole_s = whole_block.secondsOfASecond();
-    ratios.push_back(cut_block.secondsOfASecond() / whole_s);
+    free_more.push_back(free_lips.secondsOfASecond() / whole_s - 1.0);
+    pressed_more.push_back(pressed_lips.secondsOfASecond() / whole_s - 1.0);
   }
-  const double more = median(ratios) - 1.0;
-  report.row("a simulated second, " + std::to_string(cut_block.cutCells()) + " of " + std::to_string(cells.prod()) +
-                 " cells cut: more than the uncut",
-             more, 0.0, std::max(0.0, more), bound);
+  const std::string name = "a simulated second, " + std::to_string(free_lips.cutCells()) + " of " +
+                           std::to_string(cells.prod()) + " cells cut: more than the uncut";
+  report.goalAtMost(name, median(free_more), 0.3);
+  report.goalAtMost(name + ", lips press", median(pressed_more), 0.3);
 }
 
 double forcePass(const CutBody& body) {
@@ -135,8 +140,8 @@ void costOfCuts(const Options& /*options*/, Report& report) {
   for (const int cells : {8, 16, 32})
     costOfAStroke(cells, report);
   // The lattice of the dissertation's section 5.2, and one of which a fifth is cut.
-  costOfASecond({10, 20, 16}, cutAcross, 0.3, report);
-  costOfASecond({13, 12, 9}, cutCrosswise, kNoBound, report);
+  costOfASecond({10, 20, 16}, cutAcross, report);
+  costOfASecond({13, 12, 9}, cutCrosswise, report);
   costOfCompleteConnection(report);
 }
 
