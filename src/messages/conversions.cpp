@@ -561,6 +561,8 @@ SimulationStats statsMessage(const core::Session& session) {
   message.max_displacement = simulation.maxDisplacement();
   message.max_speed = simulation.maxSpeed();
   message.cut_opening = session.cutOpening();
+  message.faces_opened = session.cutCounts().faces_opened;
+  message.cuts_in_vain = session.cutCounts().in_vain;
   const std::vector<core::TissuePart>& parts = session.parts();
   message.parts = static_cast<std::uint32_t>(parts.size());
   for (std::size_t n = 0; n < std::min(parts.size(), kMostPartsTold); ++n) {

@@ -565,6 +565,8 @@ void SimulationNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& statu
   status.add("active cells", stats_.active_cells);
   status.add("largest displacement [m]", stats_.max_displacement);
   status.add("estimated error of the active set [m]", stats_.frontier_error);
+  status.add("parts of the tissue", stats_.parts);
+  status.add("stretches of strokes that cut nothing", stats_.cuts_in_vain);
   status.add("moves shortened by the safe-move rule", stats_.limited_moves);
   status.add("forces cut to what the tissue can carry", stats_.saturated_forces);
   incidents_.addTo(status);

@@ -178,6 +178,8 @@ Verdict Session::apply(const ToolCutCommand& command) {
   }
   IncisionResult result = tissue_.cut(lattice_, scene_.materials, simulation_.positions(), simulation_.reach(),
                                       command.header.tool_id, command.quads, command.lifted);
+  cut_counts_.faces_opened += result.faces_opened;
+  cut_counts_.in_vain += result.travel_m > 0.0 && result.faces_opened == 0 ? 1 : 0;
   if (command.lifted) {
     blade_resistances_n_.erase(command.header.tool_id);
   } else if (result.travel_m > 0.0) {

@@ -306,6 +306,20 @@ TEST(Session, TheEndOfAStrokeNeedsNoQuads) {
   EXPECT_EQ(session->lattice().revision, 1U);
 }
 
+TEST(Session, CountsWhatBladesOpenAndWhatTheyMiss) {
+  const auto session = makeSession();
+  ASSERT_TRUE(session->apply(slice(*session, 1)).applied);
+  EXPECT_GT(session->cutCounts().faces_opened, 0U);
+  EXPECT_EQ(session->cutCounts().in_vain, 0U);
+  ToolCutCommand miss = slice(*session, 2);
+  for (Vector3& p : miss.quads[0])
+    p.z() += 0.03;
+  const std::uint32_t revision = session->lattice().revision;
+  EXPECT_TRUE(session->apply(miss).applied);
+  EXPECT_EQ(session->cutCounts().in_vain, 1U);
+  EXPECT_EQ(session->lattice().revision, revision);
+}
+
 TEST(Session, AToolThatCutsMayBeARevisionBehindForAMoment) {
   const auto session = makeSession();
   ToolForceCommand late = push(*session, 1);

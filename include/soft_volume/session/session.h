@@ -58,6 +58,14 @@ struct Checkpoint {
   std::map<std::string, std::uint64_t> sequences;  ///< last sequence number accepted, by "topic tool_id"
 };
 
+/// What blades did since the session was made.
+struct CutCounts {
+  std::uint64_t faces_opened = 0;
+  /// Stretches of a stroke that opened nothing: outside of the tissue, in fixed tissue, where it was cut before, or too
+  /// narrow to cut.
+  std::uint64_t in_vain = 0;
+};
+
 /// A run of a scene: the only place where inputs meet the simulation. Live nodes and the offline replay call the same
 /// functions in the same order, which is why a replay is bit-identical.
 ///
@@ -116,6 +124,7 @@ class Session {
   Checkpoint checkpoint() const;
   /// The parts that the tissue fell into, the largest first.
   const std::vector<TissuePart>& parts() const;
+  const CutCounts& cutCounts() const { return cut_counts_; }
   double cutOpening() const { return tissue_.opening(lattice_, simulation_.positions()); }
   /// Largest stable time step of the explicit integrators, seconds; infinite when nothing can move.
   double timeStepLimit() const { return simulation_.stabilityLimit(); }
@@ -139,6 +148,7 @@ class Session {
   SimulationClock clock_;
   std::uint64_t scene_hash_;  ///< of the scene with its time step resolved
   std::map<std::string, std::uint64_t> sequences_;
+  CutCounts cut_counts_;
   mutable std::vector<TissuePart> parts_;
   mutable std::uint32_t parts_revision_ = 0;           // that parts_ are of
   std::map<std::string, double> blade_resistances_n_;  // of the strokes under way, by tool
