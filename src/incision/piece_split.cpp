@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <utility>
@@ -37,11 +38,16 @@ double leastAltitude(const Vector3& a, const Vector3& b, const Vector3& c, const
 }
 
 /// Triangles of a polygon whose least altitude, seen along the normal, is the greatest possible. Dynamic programming
-/// over the chains i..j of its corners; none when every choice folds.
+/// over the chains i..j of its corners; none when every choice folds or has a triangle that is not allowed.
 class PolygonTriangles {
  public:
-  PolygonTriangles(const std::vector<Vector3>& corners, const Vector3& normal)
-      : size_(corners.size()), best_(size_ * size_, std::numeric_limits<double>::infinity()), apex_(size_ * size_, 0) {
+  using IsAllowed = std::function<bool(std::size_t, std::size_t, std::size_t)>;
+
+  PolygonTriangles(const std::vector<Vector3>& corners, const Vector3& normal, IsAllowed is_allowed)
+      : is_allowed_(std::move(is_allowed)),
+        size_(corners.size()),
+        best_(size_ * size_, std::numeric_limits<double>::infinity()),
+        apex_(size_ * size_, 0) {
     for (std::size_t length = 2; length < size_; ++length) {
       for (std::size_t i = 0; i + length < size_; ++i)
         solve(corners, normal, i, i + length);
@@ -61,7 +67,7 @@ class PolygonTriangles {
     for (std::size_t k = i + 1; k < j; ++k) {
       const double altitude = std::min({best_[i * size_ + k], best_[k * size_ + j],
                                         core::leastAltitude(corners[i], corners[k], corners[j], normal)});
-      if (altitude > best) {
+      if (altitude > best && is_allowed_(i, k, j)) {
         best = altitude;
         apex_[i * size_ + j] = k;
       }
@@ -76,6 +82,7 @@ class PolygonTriangles {
     collect(k, j, all);
   }
 
+  IsAllowed is_allowed_;
   std::size_t size_;
   std::vector<double> best_;
   std::vector<std::size_t> apex_;
@@ -253,12 +260,24 @@ class SplitPlan {
       addFaceBetween(loop);
       return true;
     }
-    const PolygonTriangles best(corners, normal);
+    // One that lies in a face of the piece would fold a part onto it.
+    const auto is_allowed = [&](std::size_t i, std::size_t j, std::size_t k) {
+      return !isInOneFace(loop[i], loop[j], loop[k]);
+    };
+    const PolygonTriangles best(corners, normal, is_allowed);
     if (best.leastAltitude() < limits_.flat_m)
       return false;
     for (const auto& t : best.triangles())
       addFaceBetween({loop[t[0]], loop[t[1]], loop[t[2]]});
     return true;
+  }
+
+  bool isInOneFace(std::uint32_t a, std::uint32_t b, std::uint32_t c) const {
+    const auto has_all = [&](const Loop& loop) {
+      const auto has = [&](std::uint32_t v) { return std::find(loop.begin(), loop.end(), v) != loop.end(); };
+      return has(a) && has(b) && has(c);
+    };
+    return std::any_of(behind_.begin(), behind_.end(), has_all) || std::any_of(front_.begin(), front_.end(), has_all);
   }
 
   void addFaceBetween(const Loop& loop) {

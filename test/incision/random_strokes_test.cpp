@@ -325,5 +325,94 @@ TEST(RandomStrokes, ShallowOnesOpenAsMuchAsTheyPassedAndPartNothing) {
   EXPECT_LT(most, 1.2);
 }
 
+double distanceFromSegment(const Vector3& p, const Vector3& a, const Vector3& b) {
+  const double t = std::clamp((b - a).dot(p - a) / (b - a).squaredNorm(), 0.0, 1.0);
+  return (p - a - t * (b - a)).norm();
+}
+
+double distanceFromTriangle(const Vector3& p, const Vector3& a, const Vector3& b, const Vector3& c) {
+  const Vector3 normal = (b - a).cross(c - a).normalized();
+  const auto inside = [&](const Vector3& from, const Vector3& to) {
+    return normal.dot((to - from).cross(p - from)) >= 0;
+  };
+  if (inside(a, b) && inside(b, c) && inside(c, a))
+    return std::abs(normal.dot(p - a));
+  return std::min({distanceFromSegment(p, a, b), distanceFromSegment(p, b, c), distanceFromSegment(p, c, a)});
+}
+
+/// The part of a quad's area that is inside a block, by points of a grid.
+double areaInside(const SweptQuad& quad, const Vector3& size_m) {
+  constexpr int kSteps = 20;
+  int inside = 0;
+  for (int i = 0; i < kSteps * kSteps; ++i) {
+    const double a = (i % kSteps + 0.5) / kSteps;
+    const double c = (i / kSteps + 0.5) / kSteps;
+    const Vector3 p = (1 - c) * ((1 - a) * quad[0] + a * quad[1]) + c * ((1 - a) * quad[3] + a * quad[2]);
+    inside += (p.array() > 0.0).all() && (p.array() < size_m.array()).all() ? 1 : 0;
+  }
+  return 0.5 * (quad[2] - quad[0]).cross(quad[1] - quad[3]).norm() * inside / (kSteps * kSteps);
+}
+
+/// A stroke that comes down into a block of 14 x 14 x 6 cells, goes along a curve and comes up again.
+std::vector<SweptQuad> dip(RandomPaths& random) {
+  const double heading = random.range(-3.14, 3.14);
+  const double bend = random.range(-0.12, 0.12);
+  const double depth = random.range(2.0, 3.5);
+  const Vector3 middle(random.range(6, 8), random.range(6, 8), 6.0);
+  const Vector3 shaft = Vector3(random.range(-0.5, 0.5), random.range(-0.5, 0.5), 1.0).normalized();
+  const auto tip = [&](double s) -> Vector3 {
+    const double x = 11.0 * (s - 0.5);
+    const Vector3 along = Eigen::AngleAxisd(heading, Vector3::UnitZ()) * Vector3(x, bend * x * x, 0.0);
+    const double down = -0.6 + (depth + 0.6) * std::min(1.0, std::min(s, 1 - s) / 0.15);
+    return kH * (middle + along - down / shaft.z() * shaft);
+  };
+  Stroke stroke(kSettings);
+  std::vector<SweptQuad> quads;
+  const Vector3 up = 6 * kH * shaft;
+  for (int n = 0; n < 300; ++n)
+    stroke.add({tip(n / 300.0), tip(n / 300.0) + up, tip((n + 1) / 300.0) + up, tip((n + 1) / 300.0)}, quads);
+  stroke.end(quads);
+  return quads;
+}
+
+TEST(RandomStrokes, ThatDipIntoABlockOpenWhatTheBladePassed) {
+  RandomPaths paths(kSeed + 7);
+  double passed = 0.0;
+  double opened = 0.0;
+  double beside = 0.0;
+  for (int n = 0; n < caseCount(40); ++n) {
+    SCOPED_TRACE(n);
+    CutBlock block({14, 14, 6});
+    const std::vector<SweptQuad> quads = dip(paths);
+    Lips lips;
+    for (const SweptQuad& quad : quads) {
+      opened += block.cut({quad}, lips).opened_area_m2;
+      passed += areaInside(quad, block.size());
+    }
+    ASSERT_NO_FATAL_FAILURE(expectParts(block, 1));
+    for (const auto& face : block.mesh.faces()) {
+      if (!face.opened)
+        continue;
+      Vector3 middle = Vector3::Zero();
+      for (const std::uint32_t v : face.loop)
+        middle += block.mesh.restPositions()[v] / double(face.loop.size());
+      double distance = HUGE_VAL;
+      for (const SweptQuad& quad : quads) {
+        distance = std::min({distance, distanceFromTriangle(middle, quad[0], quad[1], quad[2]),
+                             distanceFromTriangle(middle, quad[0], quad[2], quad[3])});
+      }
+      if (distance > 0.2 * kH)  // a face has two lips
+        beside += 0.25 * areaVector(block.mesh.restPositions(), face.loop).norm();
+    }
+    if (n % 10 == 0) {
+      ASSERT_NO_FATAL_FAILURE(expectSound(block));
+    }
+  }
+  std::printf("opened %.3f of the area that the blade passed, %.4f of it more than 0.2 h beside the blade\n",
+              opened / passed, beside / opened);
+  EXPECT_NEAR(opened / passed, 1.0, 0.03);
+  EXPECT_LT(beside / opened, 0.01);
+}
+
 }  // namespace
 }  // namespace soft_volume::core

@@ -15,7 +15,7 @@ namespace soft_volume::core {
 struct CutResolution {
   /// Vertices nearer than this to the blade's plane are taken to lie on it.
   double snap = 0.05;
-  double least_edge = 0.02;
+  double least_edge = 0.01;
   double least_width = 0.03;
   /// Of an edge that is not convex (deepestDent() in piece_shape.h): snapping warps a section, and its triangles are a
   /// shallow dent in one of both parts.
