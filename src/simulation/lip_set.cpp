@@ -132,12 +132,11 @@ void LipSet<Real>::findDepth(std::size_t n, double most_m) {
   if (states_[n].hold <= 0.0)
     return;
   double gap_m = std::max(states_[n].gap_m, -most_m);
-  for (std::uint32_t c = contact.corners_begin; c < end; ++c) {
-    const Vector3 by_corner = gradient(n, corners_[c]);
-    gap_m += by_corner.dot(nodes_[corners_[c].node].ahead_m);
-    pulls_[c] = by_corner.norm();
-  }
+  for (std::uint32_t c = contact.corners_begin; c < end; ++c)
+    gap_m += gradient(n, corners_[c]).dot(nodes_[corners_[c].node].ahead_m);
   depths_m_[n] = std::max(0.0, -gap_m);
+  for (std::uint32_t c = contact.corners_begin; depths_m_[n] > 0.0 && c < end; ++c)
+    pulls_[c] = gradient(n, corners_[c]).norm();
 }
 
 template <typename Real>
@@ -164,7 +163,10 @@ void LipSet<Real>::gatherForces(const KernelView<Real>& view, int threads) {
   overAll(nodes_.size() - 1, threads, [&](std::size_t n) {
     Vector3 sum = Vector3::Zero();
     for (std::uint32_t l = nodes_[n].links_begin; l < nodes_[n + 1].links_begin; ++l) {
-      const Force& force = forces_n_[links_[l].contact];
+      const std::uint32_t contact = links_[l].contact;
+      if (depths_m_[contact] <= 0.0 && contacts_[contact].opening_n == 0.0)
+        continue;
+      const Force& force = forces_n_[contact];
       const Corner& corner = corners_[links_[l].corner];
       sum += double(corner.weight) * force.by_weight + double(corner.along[0]) * force.by_along[0] +
              double(corner.along[1]) * force.by_along[1];
