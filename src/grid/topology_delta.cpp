@@ -136,9 +136,12 @@ Topology changedBy(const Topology& base, const TopologyDelta& delta) {
   return result;
 }
 
-void TopologyDecoder::apply(Topology full) {
+TopologyDecoder::Result TopologyDecoder::apply(Topology full) {
   full.validate();
+  if (topology_ && full.session == topology_->session && full.revision == topology_->revision)
+    return Result::kKnown;
   topology_ = std::make_shared<const Topology>(std::move(full));
+  return Result::kApplied;
 }
 
 TopologyDecoder::Result TopologyDecoder::apply(const TopologyDelta& delta) {

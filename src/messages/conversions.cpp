@@ -310,6 +310,33 @@ GridTopology topologyMessage(const core::Session& session) {
 
 namespace {
 
+/// Of a full message, about.
+std::size_t topologyBytes(const core::Session& session) {
+  constexpr std::size_t kVertexBytes = 29;
+  constexpr std::size_t kCellBytes = 73;  // of a hexahedron
+  const core::CutMesh& mesh = session.tissue().mesh();
+  return kVertexBytes * mesh.vertexCount() + kCellBytes * mesh.pieces().size();
+}
+
+}  // namespace
+
+GridTopology TopologyEncoder::encode(const core::Session& session, bool full) {
+  last_was_delta_ = false;
+  if (!full && session_ == session.id() && topologyBytes(session) >= delta_from_bytes_) {
+    const core::TopologyDelta change = session.topologyChange();
+    last_was_delta_ = change.base_revision == revision_ && change.entries.revision > revision_;
+    if (last_was_delta_) {
+      revision_ = change.entries.revision;
+      return toMessage(change, session.steps() + 1);
+    }
+  }
+  session_ = session.id();
+  revision_ = session.lattice().revision;
+  return topologyMessage(session);
+}
+
+namespace {
+
 template <typename T>
 void appendRange(const std::vector<T>& from, std::uint32_t begin, std::uint32_t end, std::vector<T>& to) {
   to.insert(to.end(), from.begin() + begin, from.begin() + end);
@@ -384,10 +411,8 @@ core::Topology fromMessage(const GridTopology& message) {
 }
 
 core::TopologyDecoder::Result takeMessage(const GridTopology& message, core::TopologyDecoder& decoder) {
-  if (!message.delta) {
-    decoder.apply(fullTopology(message));
-    return core::TopologyDecoder::Result::kApplied;
-  }
+  if (!message.delta)
+    return decoder.apply(fullTopology(message));
   core::TopologyDelta delta;
   delta.base_revision = message.base_revision;
   delta.vertex_count = message.vertex_count;

@@ -422,7 +422,7 @@ SessionReplay::Open SessionReplay::open(const Planned& planned) {
   const BagMessage* message = planned.message;
   switch (planned.kind) {
     case Kind::kTopology:
-      return {[this, message] { return compareTopology(*message); }, &report_->topologies, {}};
+      return openTopology(*message);
     case Kind::kState: {
       auto state = std::make_shared<GridState>(contents_->read<GridState>(*message->instance));
       const BagMessage* previous = planned.previous;
@@ -447,8 +447,26 @@ SessionReplay::Open SessionReplay::open(const Planned& planned) {
           {}};
 }
 
-SessionReplay::Outcome SessionReplay::compareTopology(const BagMessage& message) const {
-  const auto recorded = contents_->read<GridTopology>(*message.instance);
+/// A delta is compared as the whole grid that it leads to.
+SessionReplay::Open SessionReplay::openTopology(const BagMessage& message) {
+  auto recorded = std::make_shared<GridTopology>(contents_->read<GridTopology>(*message.instance));
+  try {
+    const auto result = takeMessage(*recorded, recorded_topologies_);
+    if (recorded->delta && result != core::TopologyDecoder::Result::kApplied)
+      return {[] { return std::nullopt; }, &report_->not_checked, {}};
+  } catch (const core::InputError& error) {
+    const ReplayDifference bad = difference("topology", error.what());
+    return {[bad] { return bad; }, &report_->topologies, {}};
+  }
+  if (recorded->delta) {
+    const auto header = recorded->header;
+    *recorded = toMessage(*recorded_topologies_.topology(), recorded->step);
+    recorded->header = header;
+  }
+  return {[this, recorded] { return compareTopology(*recorded); }, &report_->topologies, {}};
+}
+
+SessionReplay::Outcome SessionReplay::compareTopology(const GridTopology& recorded) const {
   GridTopology rebuilt = topologyMessage(*session_);
   rebuilt.header = recorded.header;
   if (serialized(recorded) == serialized(rebuilt))

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <soft_volume/GridTopology.h>
 #include <soft_volume/JournalEntry.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationJournal.h>
@@ -11,6 +12,7 @@
 
 #include "bag_contents.h"
 #include "frame_replay.h"
+#include "soft_volume/grid/topology_delta.h"
 #include "soft_volume/messages/journal.h"
 #include "soft_volume/session/session.h"
 #include "state_check.h"
@@ -76,7 +78,8 @@ class SessionReplay {
   void visit();
   void leaveStep();
   Open open(const Planned& planned);
-  Outcome compareTopology(const BagMessage& message) const;
+  Open openTopology(const BagMessage& message);
+  Outcome compareTopology(const GridTopology& recorded) const;
   Outcome compareCheckpoint(const BagMessage& message) const;
   Outcome compareFrame(const BagMessage& message);
 
@@ -92,6 +95,7 @@ class SessionReplay {
 
   std::unique_ptr<core::Session> session_;
   std::unique_ptr<Journal> journal_;
+  core::TopologyDecoder recorded_topologies_;  ///< deltas refer to what was recorded before
   StateCheck states_;
   std::vector<Planned> planned_;
   std::size_t next_planned_ = 0;

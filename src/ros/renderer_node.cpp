@@ -262,10 +262,11 @@ void RendererNode::hearVolume(const Volume::ConstPtr& message) {
 
 void RendererNode::hearTopology(const GridTopology::ConstPtr& message) {
   try {
-    auto topology = std::make_shared<core::Topology>(fromMessage(*message));
     const std::lock_guard<std::mutex> lock(mutex_);
-    decoder_.expect(topology->session, topology->revision, topology->rest_positions);
-    topology_ = std::move(topology);
+    if (takeMessage(*message, topologies_) != core::TopologyDecoder::Result::kApplied)
+      return;
+    const core::Topology& topology = *topologies_.topology();
+    decoder_.expect(topology.session, topology.revision, topology.rest_positions);
     topology_step_ = message->step;
     if (early_state_ && !isEarly(*early_state_))
       applyState(*std::exchange(early_state_, nullptr));
@@ -281,7 +282,7 @@ void RendererNode::hearState(const GridState::ConstPtr& message) {
       keepEarly(message);
       return;
     }
-    const bool overtaken = message->revision < topology_->revision && message->step < topology_step_;
+    const bool overtaken = message->revision < topologies_.topology()->revision && message->step < topology_step_;
     if (overtaken)
       return;  // by an incision
     applyState(*message);
@@ -293,14 +294,15 @@ void RendererNode::hearState(const GridState::ConstPtr& message) {
 
 /// Needs the lock.
 bool RendererNode::isEarly(const GridState& state) const {
-  return !topology_ || state.session != topology_->session || state.revision > topology_->revision;
+  const auto& topology = topologies_.topology();
+  return !topology || state.session != topology->session || state.revision > topology->revision;
 }
 
 /// Topics are not ordered among each other: the topology is on its way. Key frames alone are worth waiting for, and not
 /// for ever. Needs the lock.
 void RendererNode::keepEarly(const GridState::ConstPtr& message) {
   const ros::WallTime now = ros::WallTime::now();
-  if (early_state_ && topology_ && now - early_since_ > ros::WallDuration(kTopologyPatience_s)) {
+  if (early_state_ && topologies_.topology() && now - early_since_ > ros::WallDuration(kTopologyPatience_s)) {
     incidents_.report(topics::kState, "the topology of session " + std::to_string(early_state_->session) +
                                           ", revision " + std::to_string(early_state_->revision) + " does not come");
     early_state_.reset();
@@ -316,9 +318,8 @@ void RendererNode::keepEarly(const GridState::ConstPtr& message) {
 void RendererNode::applyState(const GridState& message) {
   if (decoder_.apply(fromMessage(message)) != core::StateDecoder::Result::kApplied)
     return;
-  state_header_ = message.header;
-  state_time_s_ = message.simulation_time;
-  ++state_number_;
+  shown_ = {topologies_.topology(),  decoder_.positions(), decoder_.step(),
+            message.simulation_time, message.header,       shown_.number + 1};
 }
 
 bool RendererNode::CameraChannel::isWatched() const {
@@ -328,20 +329,13 @@ bool RendererNode::CameraChannel::isWatched() const {
 
 bool RendererNode::takeSnapshot(Snapshot& snapshot) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!scene_ || !volume_ || !topology_ || !decoder_.hasState() || session_ != topology_->session)
+  if (!scene_ || !volume_ || !shown_.topology || session_ != shown_.topology->session)
     return false;
-  snapshot.session = topology_->session;
-  snapshot.revision = topology_->revision;
-  snapshot.step = decoder_.step();
-  snapshot.simulation_time_s = state_time_s_;
-  snapshot.number = state_number_;
-  snapshot.header = state_header_;
-  snapshot.positions = decoder_.positions();
+  snapshot.state = shown_;
   snapshot.settings = settings_;
   snapshot.settings_text = settings_text_;
   snapshot.volume = volume_;
   snapshot.labels = labels_;
-  snapshot.topology = topology_;
   snapshot.channels = channels_;
   return true;
 }
@@ -366,7 +360,7 @@ bool RendererNode::wantsFrame(const CameraChannel& channel, const Snapshot& snap
     return false;
   if (channel.redraw || channel.coarseness > 1)
     return true;
-  return snapshot.number != channel.drawn_state && snapshot.simulation_time_s >= channel.next_due_s - 1e-9;
+  return snapshot.state.number != channel.drawn_state && snapshot.state.simulation_time_s >= channel.next_due_s - 1e-9;
 }
 
 void RendererNode::drawAll(const Snapshot& snapshot) {
@@ -378,12 +372,12 @@ void RendererNode::drawAll(const Snapshot& snapshot) {
     const bool moved = channel->view_moved.exchange(false);
     channel->coarseness =
         moved && snapshot.settings->progressive ? kFirstCoarseness : std::max(1U, channel->coarseness / 2);
-    const double late_s = snapshot.simulation_time_s - channel->next_due_s;
+    const double late_s = snapshot.state.simulation_time_s - channel->next_due_s;
     if (channel->drawn_state != 0 && late_s > interval_s) {
       channel->skipped += static_cast<std::uint64_t>(std::floor(late_s / interval_s));
     }
-    channel->next_due_s = interval_s * (std::floor(snapshot.simulation_time_s / interval_s + 1e-9) + 1.0);
-    channel->drawn_state = snapshot.number;
+    channel->next_due_s = interval_s * (std::floor(snapshot.state.simulation_time_s / interval_s + 1e-9) + 1.0);
+    channel->drawn_state = snapshot.state.number;
     drawOrReport(*channel, snapshot);
   }
 }
@@ -396,7 +390,8 @@ void RendererNode::drawOrReport(CameraChannel& channel, const Snapshot& snapshot
   } catch (const std::exception& error) {
     failure = error.what();
     channel.coarseness = 1;
-    incidents_.report(channel.name, "the frame of step " + std::to_string(snapshot.step) + " is skipped: " + failure);
+    incidents_.report(channel.name,
+                      "the frame of step " + std::to_string(snapshot.state.step) + " is skipped: " + failure);
   }
   const std::lock_guard<std::mutex> lock(stats_mutex_);
   if (failure.empty()) {
@@ -416,12 +411,12 @@ void RendererNode::draw(CameraChannel& channel, const Snapshot& snapshot) {
   prepare(channel, snapshot);
   if (!snapshot.settings->incremental)
     channel.renderer->forgetFrame();
-  const core::Frame& frame = channel.renderer->render(camera, snapshot.positions, optionsOf(channel, snapshot));
+  const core::Frame& frame = channel.renderer->render(camera, snapshot.state.positions, optionsOf(channel, snapshot));
 
   RenderStats stats = statsOf(frame);
-  stats.session = snapshot.session;
-  stats.revision = snapshot.revision;
-  stats.step = snapshot.step;
+  stats.session = snapshot.state.topology->session;
+  stats.revision = snapshot.state.topology->revision;
+  stats.step = snapshot.state.step;
   stats.camera = channel.name;
   stats.pose = toPose(camera.T_volume_camera);
   stats.backend = core::nameOf(channel.backend);
@@ -458,9 +453,9 @@ void RendererNode::prepare(CameraChannel& channel, const Snapshot& snapshot) {
     channel.renderer->setTransferFunction(snapshot.settings->transfer_function);
     channel.settings = snapshot.settings;
   }
-  if (channel.topology != snapshot.topology) {
-    channel.renderer->setTopology(*snapshot.topology);
-    channel.topology = snapshot.topology;
+  if (channel.topology != snapshot.state.topology) {
+    channel.renderer->setTopology(*snapshot.state.topology);
+    channel.topology = snapshot.state.topology;
   }
 }
 
@@ -474,7 +469,7 @@ core::RenderOptions RendererNode::optionsOf(const CameraChannel& channel, const 
 
 void RendererNode::publishFrame(CameraChannel& channel, const Snapshot& snapshot, const core::Camera& camera,
                                 const core::Frame& frame, RenderStats& stats) {
-  std_msgs::Header header = snapshot.header;
+  std_msgs::Header header = snapshot.state.header;
   header.frame_id = channel.name + "_optical_frame";
   const core::Image image = frame.toRgb8(snapshot.settings->background);
   channel.image.publish(colourImage(image, header), cameraInfo(camera, header));
@@ -495,7 +490,7 @@ void RendererNode::publishFrame(CameraChannel& channel, const Snapshot& snapshot
 void RendererNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const bool ready = scene_ && volume_ && topology_ && decoder_.hasState();
+    const bool ready = scene_ && volume_ && shown_.topology;
     status.summary(diagnostic_msgs::DiagnosticStatus::OK, ready ? "ready" : "waiting for scene, volume and grid");
   }
   {

@@ -97,7 +97,13 @@ void SimulationNode::setRates() {
 void SimulationNode::advertise() {
   scene_publisher_ = node_.advertise<Scene>(topics::kScene, 1, true);
   volume_publisher_ = node_.advertise<Volume>(topics::kVolume, 1, true);
-  topology_publisher_ = node_.advertise<GridTopology>(topics::kTopology, 100, true);
+  const ros::SubscriberStatusCallback topology_joined = [this](const ros::SingleSubscriberPublisher&) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    commands_.push_back([this] { sendFullTopology(); });
+    wake_.notify_all();
+  };
+  topology_publisher_ = node_.advertise<GridTopology>(topics::kTopology, 100, topology_joined,
+                                                      ros::SubscriberStatusCallback(), ros::VoidConstPtr(), true);
   // A new receiver cannot use deltas until it has a key frame.
   const auto joined = [this](const ros::SingleSubscriberPublisher&) { key_frame_wanted_ = true; };
   state_publisher_ = node_.advertise<GridState>(topics::kState, 100, joined);
@@ -129,7 +135,10 @@ void SimulationNode::advertise() {
       }));
   services_.push_back(node_.advertiseService<Trigger::Request, Trigger::Response>(
       topics::kRequestKeyFrame, [this](Trigger::Request&, Trigger::Response& response) -> Ok {
-        response.success = inLoop([this] { publishState(true); });
+        response.success = inLoop([this] {
+          sendFullTopology();
+          publishState(true);
+        });
         response.message = "a key frame was published";
         return true;
       }));
@@ -348,7 +357,7 @@ void SimulationNode::applyInput(const Input& input) {
       },
       input);
   if (session_->lattice().revision != published_revision_)
-    publishTopology();
+    publishTopology(false);
 }
 
 void SimulationNode::advance() {
@@ -364,6 +373,8 @@ void SimulationNode::advance() {
   if (journal_every_.due(step))
     publishJournal();
   const bool key_frame = key_frame_every_.due(step);
+  if (key_frame)
+    sendFullTopology();
   if (state_every_.due(step) || key_frame)
     publishState(key_frame);
   if (checkpoint_every_.due(step))
@@ -434,7 +445,7 @@ void SimulationNode::publishSession() {
   auto volume = boost::make_shared<Volume>(toMessage(*session_));
   stamp(*volume);
   volume_publisher_.publish(volume);
-  publishTopology();
+  publishTopology(true);
   publishJournal();
   publishState(true);
   publishCheckpoint();
@@ -443,12 +454,18 @@ void SimulationNode::publishSession() {
            session_->lattice().vertexCount(), session_->timeStep(), session_->timeStepLimit());
 }
 
-void SimulationNode::publishTopology() {
-  auto message = boost::make_shared<GridTopology>(topologyMessage(*session_));
+void SimulationNode::publishTopology(bool full) {
+  auto message = boost::make_shared<GridTopology>(topologies_.encode(*session_, full));
   stamp(*message);
   published_revision_ = message->revision;
   topology_publisher_.publish(message);
   key_frame_wanted_ = true;
+}
+
+/// The latched message is enough unless it is a delta.
+void SimulationNode::sendFullTopology() {
+  if (topologies_.lastWasDelta())
+    publishTopology(true);
 }
 
 void SimulationNode::publishState(bool key_frame) {

@@ -87,8 +87,8 @@ void ToolNode::makeTools() {
     tools_.push_back(std::make_unique<core::Tool>(config, first));
     if (volume_)
       tools_.back()->setVolume(volume_);
-    if (topology_)
-      tools_.back()->setTopology(topology_);
+    if (topologies_.topology())
+      tools_.back()->setTopology(topologies_.topology());
   }
 }
 
@@ -99,8 +99,8 @@ void ToolNode::hearVolume(const Volume::ConstPtr& message) {
     volume_ = content.volume;
     for (const auto& tool : tools_) {
       tool->setVolume(volume_);
-      if (topology_)
-        tool->setTopology(topology_);
+      if (topologies_.topology())
+        tool->setTopology(topologies_.topology());
     }
   } catch (const core::Error& error) {
     incidents_.report(topics::kVolume, error.what());
@@ -109,13 +109,11 @@ void ToolNode::hearVolume(const Volume::ConstPtr& message) {
 
 void ToolNode::hearTopology(const GridTopology::ConstPtr& message) {
   try {
-    auto topology = std::make_shared<core::Topology>(fromMessage(*message));
     const std::lock_guard<std::mutex> lock(mutex_);
-    topology_ = std::move(topology);
-    if (!volume_)
+    if (takeMessage(*message, topologies_) != core::TopologyDecoder::Result::kApplied || !volume_)
       return;
     for (const auto& tool : tools_)
-      tool->setTopology(topology_);
+      tool->setTopology(topologies_.topology());
   } catch (const core::Error& error) {
     incidents_.report(topics::kTopology, error.what());
   }
@@ -125,7 +123,8 @@ void ToolNode::hearPatch(const GridPatch::ConstPtr& message) {
   try {
     const std::lock_guard<std::mutex> lock(mutex_);
     // Topics are not ordered among each other: a patch of another revision than the topology's is early or late.
-    if (!topology_ || message->session != topology_->session || message->revision != topology_->revision)
+    const auto& topology = topologies_.topology();
+    if (!topology || message->session != topology->session || message->revision != topology->revision)
       return;
     for (const auto& tool : tools_) {
       if (tool->config().id == message->tool_id)

@@ -163,6 +163,10 @@ Verdict Session::apply(const ToolForceCommand& command) {
   return {true, ""};
 }
 
+TopologyMark Session::topologyMark() const {
+  return {lattice_.revision, tissue_.mesh().vertexCount(), tissue_.mesh().pieces().size()};
+}
+
 Verdict Session::apply(const ToolCutCommand& command) {
   const std::string problem = checkHeader(kCutTopic, command.header);
   if (!problem.empty())
@@ -176,6 +180,7 @@ Verdict Session::apply(const ToolCutCommand& command) {
       return {false, "a point of the blade is far outside the lattice"};
     }
   }
+  const TopologyMark before = topologyMark();
   IncisionResult result = tissue_.cut(lattice_, scene_.materials, simulation_.positions(), simulation_.reach(),
                                       command.header.tool_id, command.quads, command.lifted);
   cut_counts_.faces_opened += result.faces_opened;
@@ -186,6 +191,8 @@ Verdict Session::apply(const ToolCutCommand& command) {
     blade_resistances_n_[command.header.tool_id] = result.energy_j / result.travel_m;
   }
   if (!result.changed_pieces.empty()) {
+    before_cut_ = before;
+    changed_pieces_ = std::move(result.changed_pieces);
     simulation_.adoptTopology();
     simulation_.setLips(std::move(result.lips));
     simulation_.wake(result.rest_box_m);

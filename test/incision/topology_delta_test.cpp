@@ -108,6 +108,7 @@ TEST(TopologyDelta, WaitsForAFullOneWhereItDoesNotFit) {
   ASSERT_NO_FATAL_FAILURE(expectSame(*decoder.topology(), change.before));
   EXPECT_EQ(decoder.apply(change.delta), TopologyDecoder::Result::kApplied);
   EXPECT_EQ(decoder.apply(change.delta), TopologyDecoder::Result::kKnown);
+  EXPECT_EQ(decoder.apply(change.after), TopologyDecoder::Result::kKnown);
   ASSERT_NO_FATAL_FAILURE(expectSame(*decoder.topology(), change.after));
 }
 

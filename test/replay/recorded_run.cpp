@@ -76,7 +76,8 @@ class Run {
       : recorder_(recorder),
         settings_(settings),
         session_(scene(), ball(), nullptr, settings.session, 1),
-        journal_(session_) {
+        journal_(session_),
+        topologies_(settings.deltas ? 0 : TopologyEncoder::kDeltaFromBytes) {
     renderer_.setVolume(session_.volume());
     renderer_.setTransferFunction(session_.scene().rendering.transfer_function);
   }
@@ -201,7 +202,7 @@ class Run {
   }
 
   void publishTopology() {
-    const GridTopology message = topologyMessage(session_);
+    const GridTopology message = topologies_.encode(session_, false);
     published_revision_ = message.revision;
     publishLatched(topics::kTopology, message);
     renderer_.setTopology(session_.topology());
@@ -214,7 +215,7 @@ class Run {
     frame.step = session_.steps();
     frame.simulation_time_s = session_.simulationTime();
     frame.state_hash = session_.simulation().stateHash();
-    encoder_.encode(session_.simulation().positions(), key_frame, frame);
+    encoder_.encode(session_.drawnPositions(), key_frame, frame);
     publish(topics::kState, toMessage(frame));
   }
 
@@ -236,7 +237,7 @@ class Run {
   void publishFrame() {
     const core::RenderSettings& settings = session_.scene().rendering;
     std::vector<core::Vector3f> positions;
-    for (const core::Vector3& p : session_.simulation().positions())
+    for (const core::Vector3& p : session_.drawnPositions())
       positions.push_back(p.cast<float>());
     const core::Camera& camera = settings.cameras[0].camera;
     const core::Image image = renderer_.render(camera, positions, settings.options).toRgb8(settings.background);
@@ -265,6 +266,7 @@ class Run {
   RunSettings settings_;
   core::Session session_;
   Journal journal_;
+  TopologyEncoder topologies_;
   core::StateEncoder encoder_;
   core::Renderer renderer_{core::Backend::kNative};
   std::uint64_t sequence_ = 0;

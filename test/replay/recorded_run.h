@@ -20,7 +20,8 @@ struct RunSettings {
   std::uint64_t steps = 400;
   std::uint64_t first_recorded_step = 0;             ///< what was published before is not in the bag
   std::optional<SimulationCheckpoint> restore = {};  ///< the run continues from here
-  bool grips = false;  ///< jaws hold and lift tissue from step 250 to 340, and the integrator changes at 260 and 350
+  bool grips = false;   ///< jaws hold and lift tissue from step 250 to 340, and the integrator changes at 260 and 350
+  bool deltas = false;  ///< of the topology, although the grid is small
 };
 
 /// Runs a session and records it as the nodes do. Returns the checkpoint at its end.

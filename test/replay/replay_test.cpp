@@ -239,6 +239,27 @@ TEST_F(Replay, AChangedTopologyIsFound) {
   EXPECT_NE(first["text"].get<std::string>().find("cut_faces"), std::string::npos);
 }
 
+TEST_F(Replay, DeltasOfTheTopologyAreComparedAsWhatTheyLeadTo) {
+  RunSettings settings;
+  settings.deltas = true;
+  const std::string bag = other("deltas.bag");
+  recordBag(bag, settings);
+  const nlohmann::json result = json(bag, 0);
+  EXPECT_EQ(result["identical"], true);
+  EXPECT_EQ(result["topologies"], 2);
+  EXPECT_EQ(result["not_checked"], 0);
+  rewriteMessage<GridTopology>(bag, other(), 1, [](GridTopology& topology) {
+    ASSERT_TRUE(topology.delta);
+    ASSERT_LT(topology.cell_ids.size(), topology.cell_count);
+    topology.cut_faces[5] ^= 1;
+  });
+  EXPECT_NE(expectDifference(other(), "topology", 200)["text"].get<std::string>().find("cut_faces"), std::string::npos);
+  rewriteMessage<GridTopology>(bag, other(), 1, [](GridTopology& topology) { topology.cut_faces.pop_back(); });
+  expectDifference(other(), "topology", 200);
+  rewriteMessage<GridTopology>(bag, other(), 1, [](GridTopology& topology) { topology.base_revision = 0; });
+  EXPECT_EQ(json(other(), 0)["not_checked"], 1) << "a receiver would wait for the next full one";
+}
+
 TEST_F(Replay, AChangedCheckpointIsFound) {
   rewriteMessage<SimulationCheckpoint>(whole(), other(), 2,
                                        [](SimulationCheckpoint& checkpoint) { checkpoint.velocities[30] += 1e-12; });

@@ -32,12 +32,12 @@ class TopologyDecoder {
  public:
   enum class Result {
     kApplied,
-    kKnown,     ///< the delta leads to a revision that is here already
+    kKnown,     ///< it leads to a revision that is here already
     kNeedsFull  ///< the delta changes another revision: a message was missed, the next full one mends it
   };
 
   /// Validates; throws InputError and keeps what it has when something does not hold together.
-  void apply(Topology full);
+  Result apply(Topology full);
   Result apply(const TopologyDelta& delta);
 
   /// Null until the first full one came.

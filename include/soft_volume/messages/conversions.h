@@ -66,6 +66,27 @@ core::Topology fromMessage(const GridTopology& message);
 /// when the message does not hold together.
 core::TopologyDecoder::Result takeMessage(const GridTopology& message, core::TopologyDecoder& decoder);
 
+/// Chooses the form in which the topologies of a run are sent one after the other. Not thread-safe.
+class TopologyEncoder {
+ public:
+  /// Full messages of fewer bytes are sent full always: they are no burden, and nobody has to wait for one.
+  static constexpr std::size_t kDeltaFromBytes = std::size_t(256) << 10;
+
+  explicit TopologyEncoder(std::size_t delta_from_bytes = kDeltaFromBytes) : delta_from_bytes_(delta_from_bytes) {}
+
+  /// Full at first, for another session, when asked, where the last one is not the one before the last cut, and where
+  /// the grid is small; else what the last cut changed.
+  GridTopology encode(const core::Session& session, bool full);
+  /// Who comes now needs a full one.
+  bool lastWasDelta() const { return last_was_delta_; }
+
+ private:
+  std::size_t delta_from_bytes_;
+  std::uint64_t session_ = 0;
+  std::uint32_t revision_ = 0;
+  bool last_was_delta_ = false;
+};
+
 GridState toMessage(const core::GridStateFrame& frame);
 core::GridStateFrame fromMessage(const GridState& message);
 

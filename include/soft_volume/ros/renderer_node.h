@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "soft_volume/grid/state_stream.h"
+#include "soft_volume/grid/topology_delta.h"
 #include "soft_volume/render/renderer.h"
 #include "soft_volume/ros/incident_log.h"
 #include "soft_volume/scene/scene.h"
@@ -34,7 +35,8 @@ class RenderParameters;
 /// <camera>/image_raw/compressed (JPEG), <camera>/depth (REP-118), <camera>/labels (mono16, of scenes with labels) and
 /// render/stats.
 ///
-/// A frame shows one state as a whole: a state is drawn only with the topology revision that it names. States that come
+/// A frame shows one state as a whole: a state is drawn only with the topology revision that it names, and the state
+/// before an incision until the first one after it has come. States that come
 /// faster than the renderer or the scene's rate are skipped and counted. A frame that cannot be drawn is skipped too,
 /// with its reason in diagnostics, until something changes. After a change of view a progressive node publishes coarse
 /// frames until it comes to the full quality; while the grid moves, each of them shows the newest state.
@@ -78,20 +80,23 @@ class RendererNode {
   };
   using Channels = std::vector<std::shared_ptr<CameraChannel>>;
 
-  /// Everything that one frame needs, taken in one go so that nothing in it changes while it is drawn.
-  struct Snapshot {
-    std::uint64_t session = 0;
-    std::uint32_t revision = 0;
+  /// A state together with its topology.
+  struct ShownState {
+    std::shared_ptr<const core::Topology> topology;
+    std::vector<core::Vector3f> positions;
     std::uint64_t step = 0;
     double simulation_time_s = 0.0;
-    std::uint64_t number = 0;
     std_msgs::Header header;
-    std::vector<core::Vector3f> positions;
+    std::uint64_t number = 0;  ///< grows with every state
+  };
+
+  /// Everything that one frame needs, taken in one go so that nothing in it changes while it is drawn.
+  struct Snapshot {
+    ShownState state;
     std::shared_ptr<const core::RenderSettings> settings;
     std::string settings_text;
     std::shared_ptr<const core::Volume> volume;
     std::shared_ptr<const core::Volume> labels;
-    std::shared_ptr<const core::Topology> topology;
     Channels channels;
   };
 
@@ -142,14 +147,12 @@ class RendererNode {
   std::string settings_text_;                             ///< for RenderStats
   std::shared_ptr<const core::Volume> volume_;
   std::shared_ptr<const core::Volume> labels_;
-  std::shared_ptr<const core::Topology> topology_;
+  core::TopologyDecoder topologies_;
   core::StateDecoder decoder_;
   std::uint64_t topology_step_ = 0;  ///< first step with the topology's revision
   GridState::ConstPtr early_state_;  ///< key frame that came before its topology
   ros::WallTime early_since_;
-  std_msgs::Header state_header_;
-  double state_time_s_ = 0.0;
-  std::uint64_t state_number_ = 0;
+  ShownState shown_;
   Channels channels_;
 
   std::mutex stats_mutex_;

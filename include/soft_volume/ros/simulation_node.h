@@ -27,6 +27,7 @@
 #include <vector>
 
 #include "soft_volume/grid/state_stream.h"
+#include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/journal.h"
 #include "soft_volume/ros/incident_log.h"
 #include "soft_volume/scene/scene.h"
@@ -92,7 +93,8 @@ class SimulationNode {
   void setIntegrator(const SetIntegrator::Request& request, SetIntegrator::Response& response);
   void startSession(const SimulationCheckpoint* checkpoint);
   void publishSession();
-  void publishTopology();
+  void publishTopology(bool full);
+  void sendFullTopology();
   void publishState(bool key_frame);
   void publishJournal();
   void publishPatches();
@@ -119,6 +121,7 @@ class SimulationNode {
   std::unique_ptr<core::Session> session_;
   std::unique_ptr<Journal> journal_;
   core::StateEncoder encoder_;
+  TopologyEncoder topologies_;
   std::uint32_t published_revision_ = 0;
   std::uint64_t journaled_step_ = 0;
   ros::Time epoch_;

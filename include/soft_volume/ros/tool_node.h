@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "soft_volume/grid/topology_delta.h"
 #include "soft_volume/ros/incident_log.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/tool/tool.h"
@@ -75,7 +76,7 @@ class ToolNode {
   std::mutex mutex_;  // guards everything below
   std::shared_ptr<const core::Scene> scene_;
   std::shared_ptr<const core::Volume> volume_;
-  std::shared_ptr<const core::Topology> topology_;
+  core::TopologyDecoder topologies_;
   std::string frame_id_ = "volume";
   std::vector<std::unique_ptr<core::Tool>> tools_;
   std::size_t selected_ = 0;

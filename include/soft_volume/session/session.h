@@ -116,6 +116,10 @@ class Session {
 
   /// What receivers see: the pieces that incisions made of the cells, numbered as those of the cut mesh.
   Topology topology() const { return makeTopology(tissue_.mesh(), lattice_, volume_->geometry(), id_); }
+  /// The change that the last cut made to it, from the revision before.
+  TopologyDelta topologyChange() const {
+    return makeTopologyDelta(tissue_.mesh(), lattice_, volume_->geometry(), id_, before_cut_, changed_pieces_);
+  }
   const CutTissue& tissue() const { return tissue_; }
   /// Deformed positions of the topology's vertices, volume frame, metres.
   std::vector<Vector3> drawnPositions() const { return tissue_.drawnPositions(lattice_, simulation_.positions()); }
@@ -135,6 +139,7 @@ class Session {
   bool nearLattice(const Vector3& point_m) const;
 
   std::vector<std::uint32_t> carriers(const ToolForceCommand& command) const;
+  TopologyMark topologyMark() const;
   std::string grip(const ToolGripCommand& command);
 
   Scene scene_;
@@ -144,6 +149,8 @@ class Session {
   std::uint64_t volume_hash_;
   Lattice lattice_;
   CutTissue tissue_;
+  TopologyMark before_cut_;                    ///< the last one
+  std::vector<std::uint32_t> changed_pieces_;  ///< by it
   Simulation simulation_;
   SimulationClock clock_;
   std::uint64_t scene_hash_;  ///< of the scene with its time step resolved
