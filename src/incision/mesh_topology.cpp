@@ -13,19 +13,26 @@ namespace {
 constexpr int kCorners = 8;
 constexpr int kFaces = 6;
 
+/// Not what was taken away.
+bool isFixedInLattice(const Lattice& lattice, std::uint32_t vertex) {
+  return lattice.fixed[vertex] != 0 && lattice.fixed[vertex] != Lattice::kRemoved;
+}
+
 bool isOfLattice(const CutMesh& mesh, std::uint32_t vertex) {
   return mesh.source(vertex).a == vertex;
 }
 
 /// All that a vertex comes from, back to the lattice's own vertices, is fixed.
 bool isFixed(const CutMesh& mesh, const Lattice& lattice, std::uint32_t vertex) {
+  if (isOfLattice(mesh, vertex))
+    return isFixedInLattice(lattice, vertex);
   std::set<std::uint32_t> seen;
   std::vector<std::uint32_t> open = {vertex};
   while (!open.empty()) {
     const std::uint32_t v = open.back();
     open.pop_back();
     if (isOfLattice(mesh, v)) {
-      if (lattice.fixed[v] == 0)
+      if (!isFixedInLattice(lattice, v))
         return false;
     } else if (seen.insert(v).second) {
       open.push_back(mesh.source(v).a);

@@ -408,7 +408,7 @@ void SimulationNode::removePart(const RemovePart::Request& request, RemovePart::
   response.success = static_cast<std::uint8_t>(entry.outcome == JournalEntry::APPLIED);
   response.message = entry.reason;
   if (response.success != 0)
-    publishTopology();
+    publishTopology(true);
   publishStats();
 }
 

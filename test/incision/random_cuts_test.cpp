@@ -4,7 +4,7 @@
 #include <map>
 #include <numeric>
 
-#include "incision/cut_cases.h"
+#include "incision/embedded_block.h"
 #include "render/cell_grids.h"
 #include "soft_volume/render/grid_slicer.h"
 #include "soft_volume/render/renderer.h"
@@ -264,7 +264,7 @@ struct Hit {
   bool inside = false;
   bool at_border = false;
 };
-Hit hit(const SliceMesh& mesh, const SlicePolygon& polygon, double u, double v) {
+Hit hit(const SliceMesh& mesh, const SlicePolygon& polygon, double u, double v, double border = 0.01) {
   Hit found;
   for (std::uint32_t i = 0; i < polygon.size; ++i) {
     const SliceVertex& a = mesh.vertices[mesh.corners[polygon.first + i]];
@@ -274,7 +274,7 @@ Hit hit(const SliceMesh& mesh, const SlicePolygon& polygon, double u, double v) 
     const Eigen::Vector2d along(double(b.u) - a.u, double(b.v) - a.v);
     const Eigen::Vector2d to(u - a.u, v - a.v);
     const double t = along.squaredNorm() > 0.0 ? std::clamp(to.dot(along) / along.squaredNorm(), 0.0, 1.0) : 0.0;
-    found.at_border |= (to - t * along).norm() < 0.01;
+    found.at_border |= (to - t * along).norm() < border;
   }
   return found;
 }
@@ -326,6 +326,98 @@ TEST(RandomCuts, SlicesTileTheCrossSection) {
     }
   }
   EXPECT_GT(tested, std::size_t(caseCount(10000)));
+}
+
+/// How often the surface of a mesh, lips included, winds around a point: the sum of the solid angles of its triangles
+/// (Van Oosterom and Strackee, 1983).
+double windingNumber(const CutMesh& mesh, const std::vector<Vector3>& positions, const Vector3& p) {
+  double angle = 0.0;
+  for (const CutMesh::Face& face : mesh.faces()) {
+    if (face.pieces[1] != CutMesh::kNone)
+      continue;
+    for (std::size_t i = 2; i < face.loop.size(); ++i) {
+      const Vector3 a = positions[face.loop[0]] - p;
+      const Vector3 b = positions[face.loop[i - 1]] - p;
+      const Vector3 c = positions[face.loop[i]] - p;
+      const double below =
+          a.norm() * b.norm() * c.norm() + a.dot(b) * c.norm() + b.dot(c) * a.norm() + c.dot(a) * b.norm();
+      angle += 2.0 * std::atan2(a.dot(b.cross(c)), below);
+    }
+  }
+  return angle / (4.0 * M_PI);
+}
+
+/// Bent, and every vertex of the lattice and its copies moved a little: lips gape here and press into each other there.
+std::vector<Vector3> deformed(const EmbeddedBlock& block, unsigned seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> move(0.0, 0.04);
+  std::vector<Vector3> nodes;
+  for (const Vector3& rest_m : block.lattice.rest_positions) {
+    const Vector3 p = rest_m / kH;
+    nodes.push_back(p + Vector3(0.4 * std::sin(0.7 * p.y()), 0.3 * std::sin(0.8 * p.z()), 0.3 * std::sin(0.9 * p.x())) +
+                    Vector3(move(random), move(random), move(random)));
+  }
+  std::vector<Vector3> positions;
+  for (std::uint32_t v = 0; v < block.mesh.vertexCount(); ++v)
+    positions.push_back(block.embedding.place(block.mesh, block.lattice, nodes, v));
+  return positions;
+}
+
+TEST(RandomCuts, SlicesOfDeformedTissueShowWhatItsSurfaceEncloses) {
+  constexpr double kNear = 3.0;  // pixels: slices run straight across warped faces, the surface is triangles
+  constexpr int kSide = 5;
+  std::size_t inside = 0;
+  std::size_t outside = 0;
+  double farthest = 0.0;
+  for (unsigned n = 0; n < unsigned(caseCount(6)); ++n) {
+    std::mt19937 random(kSeed + 300 + n);
+    EmbeddedBlock block(Vector3i::Constant(kSide));
+    cutAtRandom(block, 5, random);
+    const std::vector<Vector3> positions = deformed(block, kSeed + n);
+    CellGrid grid = gridOf(block.mesh);
+    for (std::size_t v = 0; v < positions.size(); ++v) {
+      farthest = std::max(farthest, (positions[v] - block.mesh.restPositions()[v] / kH).norm());
+      grid.points[v] = positions[v].cast<float>();
+    }
+    const Vector3 target = Vector3::Constant(kSide / 2.0);
+    Camera camera =
+        Camera::lookAtParallel(target + Vector3(9, 14, 25 + int(n)), target, Vector3::UnitY(), 10, 600, 600);
+    camera.far_m = 100.0;
+    GridSlicer slicer;
+    slicer.setCells(grid.types, grid.offsets, grid.connectivity, grid.points.size());
+    slicer.transform(camera, grid.points, 1);
+    const auto range = slicer.depthRange(camera);
+    slicer.bucket(camera, planesThrough(range, range[0], (range[1] - range[0]) / 9, 9), {},
+                  {-1000000, -1000000, 1000000, 1000000}, false);
+    SliceMesh mesh;
+    slicer.slice(0, slicer.planeCount(), 1, mesh);
+    std::uniform_real_distribution<double> pixel(100.0, 500.0);
+    for (const Slice& slice : mesh.slices) {
+      for (int i = 0; i < 60; ++i) {
+        const double u = pixel(random);
+        const double v = pixel(random);
+        int covering = 0;
+        bool at_border = false;
+        for (std::uint32_t k = 0; k < slice.polygon_count; ++k) {
+          const Hit found = hit(mesh, mesh.polygons[slice.first_polygon + k], u, v, kNear);
+          covering += found.inside ? 1 : 0;
+          at_border |= found.at_border;
+        }
+        if (at_border)
+          continue;
+        const Vector3 p =
+            camera.T_volume_camera * Vector3((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, slice.z_m);
+        const double winding = windingNumber(block.mesh, positions, p);
+        ASSERT_NEAR(winding, std::lround(winding), 1e-6);
+        ASSERT_EQ(covering, std::lround(winding)) << "block " << n << ", " << p.transpose();
+        ++(covering > 0 ? inside : outside);
+      }
+    }
+  }
+  std::printf("%zu points inside, %zu outside; vertices moved by up to %.2f h\n", inside, outside, farthest);
+  EXPECT_GT(inside, std::size_t(caseCount(500)));
+  EXPECT_GT(outside, std::size_t(caseCount(200)));
+  EXPECT_GT(farthest, 0.3);
 }
 
 }  // namespace
