@@ -504,7 +504,7 @@ TEST(Embedding, TheFastEngineMovesCopiesAsTheOracleDoes) {
     settings.precision = Precision::kDouble;
     Simulation fast(block.lattice, block.materials, settings, 2);
     OracleSettings oracle_settings;
-    oracle_settings.dt_s = fast.settings().dt_s;
+    oracle_settings.dt_s = fast.settings().dt_s / fast.substeps();  // chips divide it
     OracleSimulation slow(block.lattice, block.materials, oracle_settings);
     const std::vector<VertexLoad> loads = pullsOnTop(block, 1.0);
     std::vector<Vector3> forces(block.lattice.vertexCount(), Vector3::Zero());
@@ -514,7 +514,8 @@ TEST(Embedding, TheFastEngineMovesCopiesAsTheOracleDoes) {
     slow.setForces(forces);
     for (int n = 0; n < 200; ++n) {
       fast.step();
-      slow.step();
+      for (int part = 0; part < fast.substeps(); ++part)
+        slow.step();
     }
     double worst_m = 0.0;
     for (std::size_t v = 0; v < forces.size(); ++v)
