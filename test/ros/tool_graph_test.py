@@ -7,7 +7,7 @@ import numpy
 import rospy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import Joy
-from soft_volume.msg import GridState, SimulationStats, ToolForce, ToolState
+from soft_volume.msg import GridState, SimulationStats, ToolCut, ToolForce, ToolState
 from std_srvs.srv import Trigger
 
 import graph
@@ -29,8 +29,8 @@ class ToolTest(graph.GraphTest):
     self.forces = self.listen('tool/force', ToolForce, keep=100000)
     self.states = self.listen('tool/state', ToolState, keep=100000)
 
-  def startSimulation(self, **parameters):
-    self.simulation = graph.Simulation(self, **dict(SLOW, **parameters))
+  def startSimulation(self, scene=None, **parameters):
+    self.simulation = graph.Simulation(self, scene, **dict(SLOW, **parameters))
     self.tool = self.start('tool_node')
 
   def startDevice(self):
@@ -152,6 +152,45 @@ class ScriptedHandTest(ToolTest):
     first = self.forces.wait(lambda f: f.session == session, 'force in the new session')
     self.assertLess(numpy.linalg.norm(vector(first.force)), 0.05)
     graph.wait_until(lambda: [e for e in self.simulation.applied() if e.topic == 'tool/force'], 'applied force')
+
+
+def scalpelScene():
+  """A hand that draws a scalpel along a curve through the block, 10 mm deep, and lets the button go in the tissue."""
+  scene = phantom.scene()
+  scene['materials'][0]['cut_resistance_j_m2'] = 30.0
+  scene['tools'][0].update(id='scalpel', kind='scalpel', tip_radius_m=0.001, blade_length_m=0.025)
+  z = float(phantom.TOP_Z_M) - 0.01
+  points = [(0.0, 0.047, 0.000, False), (0.4, 0.050, 0.020, True), (0.8, 0.052, 0.040, True), (1.2, 0.050, 0.060, False)]
+  scene['device']['way_points'] = [{
+      'time_s': t, 'position_m': [x, y, z], 'pass': on, 'buttons': [0]
+  } for t, x, y, on in points] + [{'time_s': 1.3, 'position_m': [0.050, 0.060, z]}]
+  return scene
+
+
+class ScalpelTest(ToolTest):
+
+  def testAStrokeIsOneSurfaceThatIsLiftedOnce(self):
+    self.startSimulation(scalpelScene())
+    cuts = self.listen('tool/cut', ToolCut, keep=100000)
+    self.startDevice()
+    end = cuts.wait(lambda c: c.lifted, 'end of the stroke', limit_s=60.0)
+    strokes = [c for c in cuts.messages if c.sequence <= end.sequence]
+    self.assertEqual([c.lifted for c in strokes], [False] * (len(strokes) - 1) + [True])
+    self.assertEqual(len(end.quads), 0)
+    points = [vector(p) for c in strokes for p in c.quads]
+    quads = [points[n:n + 4] for n in range(0, len(points), 4)]
+    self.assertGreater(len(quads), 40)
+    for before, after in zip(quads, quads[1:]):
+      numpy.testing.assert_array_equal(before[3], after[0])
+      numpy.testing.assert_array_equal(before[2], after[1])
+    last = ('tool/cut', end.sequence)
+    graph.wait_until(lambda: last in [(e.topic, e.sequence) for e in self.simulation.applied()], 'applied end')
+    self.assertEqual([e.reason for e in self.simulation.refused() if e.topic == 'tool/cut'], [])
+    self.assertGreater(self.simulation.revision, 3)
+    # The tissue resists: 30 J/m^2 over 10 mm of blade and more, against the motion.
+    strongest = max((vector(s.wrench.force) for s in self.servo.messages), key=numpy.linalg.norm)
+    self.assertGreater(numpy.linalg.norm(strongest), 0.15)
+    self.assertLess(strongest[1], -0.8 * numpy.linalg.norm(strongest))
 
 
 class UnusablePoseTest(ToolTest):
