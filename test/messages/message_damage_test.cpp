@@ -100,12 +100,12 @@ struct Good {
     frame.session = kSession;
     frame.revision = topology.revision;
     core::StateEncoder encoder;
-    encoder.encode(session->simulation().positions(), true, frame);
+    encoder.encode(session->drawnPositions(), true, frame);
     key_frame = toMessage(frame);
     for (int n = 0; n < 20; ++n)
       session->step();
     frame.step = 20;
-    encoder.encode(session->simulation().positions(), false, frame);
+    encoder.encode(session->drawnPositions(), false, frame);
     delta = toMessage(frame);
     patch = toMessage(session->patch("probe", {0.024, 0.024, 0.031}, 0.01));
     view.pose = toPose(session->scene().rendering.cameras.at(0).camera.T_volume_camera);
