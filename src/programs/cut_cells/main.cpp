@@ -65,9 +65,11 @@ nlohmann::json cutCell(const Case& cell) {
       makeLattice(Vector3i::Ones(), Vector3::Constant(kEdge_m), Vector3::Zero(), std::vector<std::int32_t>{0});
   CutMesh mesh(lattice);
   std::vector<Vector3> positions_m = lattice.rest_positions;
+  CutResolution resolution;
+  resolution.least_island = 0.0;  // in a cell by itself all parts are small
   for (const Plane& plane : cell.planes) {
     Lips lips;
-    cutMesh(mesh, lattice, {Material()}, CutResolution(), {bladeIn(plane)}, 0.0, lips, positions_m);
+    cutMesh(mesh, lattice, {Material()}, resolution, {bladeIn(plane)}, 0.0, lips, positions_m);
   }
   nlohmann::json pieces = nlohmann::json::array();
   for (std::uint32_t piece = 0; piece < mesh.pieces().size(); ++piece)
