@@ -23,6 +23,12 @@ Vector3f centreOf(const std::vector<std::uint32_t>& vertices, const std::vector<
 
 }  // namespace
 
+/// A point of a face, camera frame, and what is interpolated there.
+struct NativeCanvas::FaceCorner {
+  Vector3f position;
+  std::array<float, kMaxSampleParts> values;
+};
+
 /// One triangle, cut at the near plane. Under perspective what is interpolated is divided by the depth.
 struct NativeCanvas::ScreenFace {
   std::array<FillCorner, 4> corners;
@@ -64,47 +70,49 @@ FillCorner NativeCanvas::screenCorner(const Vector3f& position, const float* val
   return corner;
 }
 
-void NativeCanvas::addScreenTriangle(const std::array<std::uint32_t, 3>& triangle, std::uint32_t cell,
-                                     const Vector3f& cell_centre, std::vector<ScreenFace>& faces) const {
-  std::array<Vector3f, 3> p;
-  for (std::size_t i = 0; i < 3; ++i)
-    p[i] = job_->positions[triangle[i]];
-  const Vector3f normal = (p[1] - p[0]).cross(p[2] - p[0]);
-  const Vector3f middle = (p[0] + p[1] + p[2]) / 3.0F;
+NativeCanvas::FaceCorner NativeCanvas::faceCorner(std::uint32_t vertex, std::uint32_t cell) const {
+  FaceCorner corner{job_->positions[vertex], {}};
+  if (kind_ == SampleKind::kColour && !grid_->cell_scalars.empty())
+    std::copy_n(&colours_[std::size_t(cell) * 4], 4, corner.values.data());
+  else
+    valuesAtVertex(vertex, corner.values.data());
+  return corner;
+}
+
+void NativeCanvas::addScreenTriangle(const std::array<FaceCorner, 3>& triangle, const Vector3f& cell_centre,
+                                     std::vector<ScreenFace>& faces) const {
+  const Vector3f normal =
+      (triangle[1].position - triangle[0].position).cross(triangle[2].position - triangle[0].position);
+  const Vector3f middle = (triangle[0].position + triangle[1].position + triangle[2].position) / 3.0F;
   const Vector3f ray = base_.perspective ? middle : Vector3f::UnitZ();
-  const float inwards = normal.dot(cell_centre - p[0]);
+  const float inwards = normal.dot(cell_centre - triangle[0].position);
   const float along = normal.dot(ray);
   if (along == 0.0F || inwards == 0.0F)
     return;  // seen edge-on, or a cell without volume
-  std::array<std::array<float, kMaxSampleParts>, 3> values{};
-  for (std::size_t i = 0; i < 3; ++i) {
-    if (kind_ == SampleKind::kColour && !grid_->cell_scalars.empty())
-      std::copy_n(&colours_[std::size_t(cell) * 4], 4, values[i].data());
-    else
-      valuesAtVertex(triangle[i], values[i].data());
-  }
   ScreenFace face{};
   face.entering = (along > 0.0F) == (inwards > 0.0F);
   const auto near_m = float(job_->camera.near_m);
   for (std::size_t i = 0; i < 3; ++i) {
-    const std::size_t next = (i + 1) % 3;
-    if (p[i].z() >= near_m)
-      face.corners[std::size_t(face.size++)] = screenCorner(p[i], values[i].data());
-    if ((p[i].z() >= near_m) == (p[next].z() >= near_m))
+    const FaceCorner& here = triangle[i];
+    const FaceCorner& next = triangle[(i + 1) % 3];
+    if (here.position.z() >= near_m)
+      face.corners[std::size_t(face.size++)] = screenCorner(here.position, here.values.data());
+    if ((here.position.z() >= near_m) == (next.position.z() >= near_m))
       continue;
-    const float t = (near_m - p[i].z()) / (p[next].z() - p[i].z());
-    Vector3f cut = p[i] + t * (p[next] - p[i]);
+    const float t = (near_m - here.position.z()) / (next.position.z() - here.position.z());
+    Vector3f cut = here.position + t * (next.position - here.position);
     cut.z() = near_m;
     std::array<float, kMaxSampleParts> mixed{};
     for (std::size_t n = 0; n < mixed.size(); ++n)
-      mixed[n] = values[i][n] + t * (values[next][n] - values[i][n]);
+      mixed[n] = here.values[n] + t * (next.values[n] - here.values[n]);
     face.corners[std::size_t(face.size++)] = screenCorner(cut, mixed.data());
   }
   if (face.size >= 3)
     faces.push_back(face);
 }
 
-/// As a fan around the lowest vertex, so that both cells at a face would draw the same triangles.
+/// Triangles around the middle of the face, as the exact back end parts it (a quadrilateral is bilinear there). Corners
+/// are summed from the lowest vertex on, so that both cells at a face would draw the same triangles but for rounding.
 void NativeCanvas::addScreenFaces(const GridFace& face, std::vector<ScreenFace>& faces) const {
   const std::uint32_t* cell = &grid_->connectivity[grid_->cell_offsets[face.cell]];
   std::vector<std::uint32_t> corners;
@@ -117,8 +125,19 @@ void NativeCanvas::addScreenFaces(const GridFace& face, std::vector<ScreenFace>&
               });
   const Vector3f centre = centreOf(all, job_->positions);
   std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
-  for (std::size_t i = 2; i < corners.size(); ++i)
-    addScreenTriangle({corners[0], corners[i - 1], corners[i]}, face.cell, centre, faces);
+  std::vector<FaceCorner> around;
+  FaceCorner middle{Vector3f::Zero(), {}};
+  for (const std::uint32_t vertex : corners) {
+    around.push_back(faceCorner(vertex, face.cell));
+    const float share = 1.0F / float(corners.size());
+    middle.position += share * around.back().position;
+    for (std::size_t n = 0; n < middle.values.size(); ++n)
+      middle.values[n] += share * around.back().values[n];
+  }
+  if (around.size() == 3)
+    return addScreenTriangle({around[0], around[1], around[2]}, centre, faces);
+  for (std::size_t i = 0; i < around.size(); ++i)
+    addScreenTriangle({around[i], around[(i + 1) % around.size()], middle}, centre, faces);
 }
 
 /// Sorts what a face shows in this tile into the lists of its pixels.

@@ -34,6 +34,7 @@ class NativeCanvas : public Canvas {
   struct Tile;
   struct Scratch;
   struct ScreenFace;
+  struct FaceCorner;
 
   SampleKind kind() const;
   void prepareTiles();
@@ -65,7 +66,8 @@ class NativeCanvas : public Canvas {
   void findBoundary();
   void prepareEvents();
   void addScreenFaces(const GridFace& face, std::vector<ScreenFace>& faces) const;
-  void addScreenTriangle(const std::array<std::uint32_t, 3>& triangle, std::uint32_t cell, const Vector3f& cell_centre,
+  FaceCorner faceCorner(std::uint32_t vertex, std::uint32_t cell) const;
+  void addScreenTriangle(const std::array<FaceCorner, 3>& triangle, const Vector3f& cell_centre,
                          std::vector<ScreenFace>& faces) const;
   FillCorner screenCorner(const Vector3f& position, const float* values) const;
   void placeEvents(Tile& tile, const std::vector<ScreenFace>& faces, const std::uint32_t* numbers, std::size_t count,

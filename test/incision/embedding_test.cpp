@@ -9,11 +9,11 @@
 #include <numeric>
 
 #include "incision/embedded_block.h"
-#include "rest_system.h"
+#include "simulation/rest_system.h"
+#include "simulation/spring_model.h"
 #include "soft_volume/grid/hexahedron.h"
 #include "soft_volume/simulation/oracle.h"
 #include "soft_volume/simulation/simulation.h"
-#include "spring_model.h"
 
 namespace soft_volume::core {
 namespace {

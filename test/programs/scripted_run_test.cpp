@@ -1,4 +1,4 @@
-#include "scripted_run.h"
+#include "programs/scripted_run.h"
 
 #include <gtest/gtest.h>
 

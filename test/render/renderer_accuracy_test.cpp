@@ -39,7 +39,8 @@ double rmse(const Frame& frame, const Frame& exact) {
 /// What is drawn with both back ends, and how far they may be apart with 200 slices: 1.2 times what was measured, and
 /// more where next to nothing was. Tetrahedra and voxels have the same interpolant in both. In the other cells native's
 /// is linear across the polygons, or trilinear across places that are, and exact's is that of the warped cell: with
-/// random scalars in bent cells that is some levels, however many slices.
+/// random scalars in bent cells that is some levels, however many slices. Where boundary faces say where the ray enters
+/// and leaves, few slices are as good as many; many only bring that difference out.
 struct Subject {
   std::string name;
   Kind kind;
@@ -51,15 +52,15 @@ struct Subject {
 std::vector<Subject> allSubjects() {
   return {{"tetrahedra", Kind::kScalar, CubeParts::kTetrahedra, 0.5, 0.03},
           {"voxels", Kind::kScalar, CubeParts::kVoxels, 0.5, 0.1},
-          {"hexahedra", Kind::kScalar, CubeParts::kHexahedra, 3.0, 3.0},
-          {"wedges", Kind::kScalar, CubeParts::kWedges, 4.5, 4.5},
-          {"pyramids", Kind::kScalar, CubeParts::kPyramids, 2.8, 2.8},
-          {"polyhedra", Kind::kScalar, CubeParts::kPolyhedra, 5.2, 5.2},
+          {"hexahedra", Kind::kScalar, CubeParts::kHexahedra, 3.0, 2.0},
+          {"wedges", Kind::kScalar, CubeParts::kWedges, 4.5, 3.8},
+          {"pyramids", Kind::kScalar, CubeParts::kPyramids, 2.8, 2.5},
+          {"polyhedra", Kind::kScalar, CubeParts::kPolyhedra, 5.2, 4.7},
           {"pentagons", Kind::kScalar, CubeParts::kPentagons, 7.6, 7.6},
-          {"mixed", Kind::kScalar, CubeParts::kMixed, 4.2, 4.2},
+          {"mixed", Kind::kScalar, CubeParts::kMixed, 4.2, 3.6},
           {"colours_of_tetrahedra", Kind::kColour, CubeParts::kTetrahedra, 0.5, 0.03},
-          {"colours_of_mixed", Kind::kColour, CubeParts::kMixed, 4.4, 4.4},
-          {"scalars_of_cells", Kind::kCells, CubeParts::kMixed, 3.9, 3.9},
+          {"colours_of_mixed", Kind::kColour, CubeParts::kMixed, 4.4, 3.9},
+          {"scalars_of_cells", Kind::kCells, CubeParts::kMixed, 3.9, 2.5},
           {"texture", Kind::kTexture, CubeParts::kHexahedra, 2.8, 2.8}};
 }
 
@@ -104,6 +105,7 @@ TEST_P(NativeAgainstExact, ErrorsAreSmallAndFallWithMoreSlices) {
     EXPECT_TRUE(showsSomething(wanted));
     for (const bool boundary : {false, true}) {
       options.exact_boundary = boundary;
+      const double most = boundary ? GetParam().most_with_boundary : GetParam().most;
       double before = 255.0;
       std::printf("%-22s %s%s:", GetParam().name.c_str(),
                   projection == Projection::kParallel ? "parallel" : "perspective", boundary ? ", boundary" : "");
@@ -111,11 +113,11 @@ TEST_P(NativeAgainstExact, ErrorsAreSmallAndFallWithMoreSlices) {
         options.slices = slices;
         const double error = rmse(native.render(camera, positions_, options), wanted);
         std::printf(" %.3f", error);
-        EXPECT_LT(error, before + 0.1) << slices << " slices";
+        EXPECT_LT(error, boundary ? std::max(before + 0.1, most) : before + 0.1) << slices << " slices";
         before = error;
       }
       std::printf("\n");
-      EXPECT_LT(before, boundary ? GetParam().most_with_boundary : GetParam().most) << "seed " << kSeed;
+      EXPECT_LT(before, most) << "seed " << kSeed;
     }
   }
 }
