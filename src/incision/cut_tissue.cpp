@@ -157,8 +157,13 @@ IncisionResult CutTissue::cut(Lattice& lattice, const std::vector<Material>& mat
 
 Vector3 CutTissue::placeOf(const Lattice& lattice, const std::vector<Vector3>& positions_m,
                            std::uint32_t vertex) const {
-  return mesh_.piecesAround(vertex).empty() ? mesh_.restPositions()[vertex]
-                                            : embedding_.place(mesh_, lattice, positions_m, vertex);
+  if (mesh_.piecesAround(vertex).empty())
+    return mesh_.restPositions()[vertex];
+  // Most are corners of their cell still, with the number that they had.
+  const auto& corners = lattice.cells[embedding_.cellOf(mesh_.piecesAround(vertex).front())];
+  if (vertex < lattice_vertices_ && std::find(corners.begin(), corners.end(), vertex) != corners.end())
+    return positions_m[vertex];
+  return embedding_.place(mesh_, lattice, positions_m, vertex);
 }
 
 std::vector<Vector3> CutTissue::drawnPositions(const Lattice& lattice, const std::vector<Vector3>& positions_m) const {

@@ -583,7 +583,7 @@ SimulationStats statsMessage(const core::Session& session) {
   message.active_cells = stats.active_cells;
   message.active_vertices = stats.active_vertices;
   message.threads = static_cast<std::uint32_t>(simulation.threads());
-  message.max_displacement = simulation.maxDisplacement();
+  message.max_displacement = session.maxDisplacement();
   message.max_speed = simulation.maxSpeed();
   message.cut_opening = session.cutOpening();
   message.faces_opened = session.cutCounts().faces_opened;

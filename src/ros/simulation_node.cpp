@@ -536,7 +536,7 @@ void SimulationNode::stamp(Message& message) const {
 }
 
 void SimulationNode::trackExtremes() {
-  max_displacement_ever_m_ = std::max(max_displacement_ever_m_, session_->simulation().maxDisplacement());
+  max_displacement_ever_m_ = std::max(max_displacement_ever_m_, session_->maxDisplacement());
   cut_opening_max_m_ = std::max(cut_opening_max_m_, session_->cutOpening());
 }
 

@@ -233,6 +233,15 @@ Verdict Session::apply(const ToolGripCommand& command) {
   return {true, ""};
 }
 
+double Session::maxDisplacement() const {
+  const std::vector<Vector3> drawn = drawnPositions();
+  const std::vector<Vector3>& rest = tissue_.mesh().restPositions();
+  double squared = 0.0;
+  for (std::size_t v = 0; v < drawn.size(); ++v)
+    squared = std::max(squared, (drawn[v] - rest[v]).squaredNorm());
+  return std::sqrt(squared);
+}
+
 const std::vector<TissuePart>& Session::parts() const {
   if (parts_revision_ != lattice_.revision) {
     parts_ = tissue_.parts(lattice_);

@@ -198,7 +198,7 @@ TEST(RandomCuts, OpenWhatTheBladePassedAndNothingElse) {
               worst, refused, splits, farthest);
   // Where a split was refused the lips run around the cell.
   EXPECT_LT(farthest, 0.5);
-  EXPECT_LT(refused, splits / 500);
+  EXPECT_LE(refused, splits / 500 + 1);
 }
 
 TEST(RandomCuts, DeformedTissueKeepsItsRestShape) {

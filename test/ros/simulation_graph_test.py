@@ -214,7 +214,9 @@ class LockstepTest(graph.GraphTest):
 
   def testDamagedCheckpointsAreRefused(self):
     self.simulation.push(sequence=1, apply_at_step=5)
+    self.simulation.cut(sequence=1, apply_at_step=15)
     self.simulation.step(20)
+    self.simulation.waitForRevision(2)
     session = self.simulation.session
     state_hash = self.simulation.step(1).state_hash
     damages = [
@@ -224,9 +226,9 @@ class LockstepTest(graph.GraphTest):
         ('', lambda c: setattr(c, 'displacements', c.displacements[:-3])),
         ('', lambda c: setattr(c, 'velocities', (NAN,) + c.velocities[1:])),
         ('', lambda c: setattr(c, 'lifetimes', c.lifetimes[1:])),
-        ('another lattice', lambda c: setattr(c.topology, 'connectivity', c.topology.connectivity[8:])),
-        ('does not exist', lambda c: setattr(c.topology, 'connectivity', (10**9,) + c.topology.connectivity[1:])),
-        ('rest stretch', lambda c: setattr(c, 'rest_stretch', (0.0,) + c.rest_stretch[1:])),
+        ('does not fit', lambda c: setattr(c.incisions, 'cells', c.incisions.cells[8:])),
+        ('at its corner', lambda c: setattr(c.incisions, 'cells', (10**9,) + c.incisions.cells[1:])),
+        ('rest stretch', lambda c: setattr(c.incisions, 'rest_stretch', (0.0,) + c.incisions.rest_stretch[1:])),
         ('sequence', lambda c: setattr(c, 'sequences', c.sequences + (1,))),
         ('', lambda c: setattr(c.forces[0], 'vertices', (10**9,) + c.forces[0].vertices[1:])),
         ('', lambda c: setattr(c.forces[0], 'weights', c.forces[0].weights[1:])),

@@ -128,6 +128,8 @@ class Session {
   Checkpoint checkpoint() const;
   /// The parts that the tissue fell into, the largest first.
   const std::vector<TissuePart>& parts() const;
+  /// Largest distance of a vertex of the topology from rest, metres.
+  double maxDisplacement() const;
   const CutCounts& cutCounts() const { return cut_counts_; }
   double cutOpening() const { return tissue_.opening(lattice_, simulation_.positions()); }
   /// Largest stable time step of the explicit integrators, seconds; infinite when nothing can move.
