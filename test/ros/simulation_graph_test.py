@@ -226,7 +226,7 @@ class LockstepTest(graph.GraphTest):
         ('', lambda c: setattr(c, 'displacements', c.displacements[:-3])),
         ('', lambda c: setattr(c, 'velocities', (NAN,) + c.velocities[1:])),
         ('', lambda c: setattr(c, 'lifetimes', c.lifetimes[1:])),
-        ('does not fit', lambda c: setattr(c.incisions, 'cells', c.incisions.cells[8:])),
+        ('another lattice', lambda c: setattr(c.incisions, 'cells', c.incisions.cells[8:])),
         ('at its corner', lambda c: setattr(c.incisions, 'cells', (10**9,) + c.incisions.cells[1:])),
         ('rest stretch', lambda c: setattr(c.incisions, 'rest_stretch', (0.0,) + c.incisions.rest_stretch[1:])),
         ('sequence', lambda c: setattr(c, 'sequences', c.sequences + (1,))),
