@@ -97,7 +97,8 @@ class Run:
         self.render_stats = self.messages(bag, "/render/stats")
         cuts = self.messages(bag, "/tool/cut")
         blades = {m.tool_id for m in cuts}
-        self.strokes = episodes([m.header.stamp.to_sec() for m in cuts])
+        # A blade that is only lifted cuts nothing.
+        self.strokes = episodes([m.header.stamp.to_sec() for m in cuts if m.quads])
         self.forces = [(m.header.stamp.to_sec(), math.hypot(m.force.x, m.force.y, m.force.z), m.tool_id)
                        for m in self.messages(bag, "/tool/force")]
         self.pokes = episodes([time_s for time_s, force_n, tool in self.forces if force_n > 0.0 and tool not in blades])
