@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "disjoint_sets.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/grid/hexahedron.h"
 
@@ -51,19 +52,6 @@ Numbers wayAround(const Numbers& loop, std::uint32_t from, std::uint32_t to) {
   while (way.back() != to)
     way.push_back(loop[i = (i + 1) % loop.size()]);
   return way;
-}
-
-std::uint32_t rootOf(Numbers& parents, std::uint32_t n) {
-  while (parents[n] != n)
-    n = parents[n] = parents[parents[n]];
-  return n;
-}
-
-/// Joins two sets; the lower number stays the root.
-void join(Numbers& parents, std::uint32_t a, std::uint32_t b) {
-  a = rootOf(parents, a);
-  b = rootOf(parents, b);
-  parents[std::max(a, b)] = std::min(a, b);
 }
 
 void require(bool condition, const char* problem) {

@@ -236,6 +236,7 @@ std::vector<std::uint32_t> CutTissue::removePart(Lattice& lattice, std::uint32_t
   for (const std::uint32_t v : vertices)
     lattice.fixed[v] = lattice.fixed[v] == 0 ? Lattice::kRemoved : lattice.fixed[v];
   mesh_.removePieces(pieces);
+  mesh_.takeChangedPieces();  // the next cut tells its own changes only
   lattice.revision += pieces.empty() ? 0 : 1;
   return vertices;
 }

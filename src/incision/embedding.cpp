@@ -6,6 +6,7 @@
 #include <numeric>
 #include <utility>
 
+#include "disjoint_sets.h"
 #include "soft_volume/grid/hexahedron.h"
 #include "soft_volume/incision/piece_shape.h"
 
@@ -20,19 +21,6 @@ constexpr double kOnFace = 1e-9;
 void sortUnique(Numbers& numbers) {
   std::sort(numbers.begin(), numbers.end());
   numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
-}
-
-std::uint32_t rootOf(Numbers& parents, std::uint32_t n) {
-  while (parents[n] != n)
-    n = parents[n] = parents[parents[n]];
-  return n;
-}
-
-/// Joins two sets; the lower number stays the root.
-void join(Numbers& parents, std::uint32_t a, std::uint32_t b) {
-  a = rootOf(parents, a);
-  b = rootOf(parents, b);
-  parents[std::max(a, b)] = std::min(a, b);
 }
 
 /// In the cell's own coordinates: 0 to 1 along each axis.

@@ -136,6 +136,13 @@ TEST(Session, APartThatIsCutOffMovesOnAndCanBeRemoved) {
   EXPECT_TRUE(session->simulation().state().forces.empty());
   EXPECT_TRUE(session->simulation().state().grips.empty());
   EXPECT_FALSE(session->apply(RemovalCommand{kId, loose.piece}).applied);
+  ToolCutCommand air = sliceOff(*session, 2);
+  for (Vector3& p : air.quads[0])
+    p.z() += 0.03;
+  const std::uint32_t changed_from = session->topologyChange().base_revision;
+  ASSERT_TRUE(session->apply(air).applied);
+  EXPECT_EQ(session->lattice().revision, 3U);
+  EXPECT_EQ(session->topologyChange().base_revision, changed_from);
   const Topology topology = session->topology();
   EXPECT_NO_THROW(topology.validate());
   EXPECT_EQ(
