@@ -185,7 +185,9 @@ class RenderingTest(graph.GraphTest):
       self.reconfigure(backend=backend, exact_boundary=False)
       stats = self.nextStats(lambda s: s.backend == backend)
       self.assertEqual(area(stats), 160 * 120)
-    # A renderer that starts again has the scene's values: the node writes no parameters.
+    # A renderer that starts again has the scene's values: the node writes no parameters. A picture is drawn for a new
+    # audience, and who listens twice in one process is one audience: so the first listener leaves.
+    self.unlisten(images)
     self.kill(self.renderer)
     self.stats.clear()
     self.renderer = self.start('renderer_node')
