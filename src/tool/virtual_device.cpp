@@ -1,7 +1,9 @@
 #include "soft_volume/tool/virtual_device.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
+#include <iterator>
 
 #include "range_check.h"
 
@@ -9,6 +11,27 @@ namespace soft_volume::core {
 namespace {
 
 const char* const kOwner = "virtual device";
+
+struct NamedMechanics {
+  const char* name;
+  DeviceMechanics mechanics;
+};
+
+// The makers of the parallel devices state neither apparent mass nor friction: both are assumptions, by the size of
+// their moving parts.
+constexpr const char* kSensAble = "data sheet of the maker (SensAble, later 3D Systems)";
+constexpr const char* kForceDimension = "resolution and rate: data sheet of the maker; mass and friction assumed";
+constexpr const char* kNovint = "resolution (400 dpi) and rate: the maker; mass and friction assumed";
+constexpr NamedMechanics kMechanics[] = {
+    {"touch", {0.045, 0.26, 55e-6, 1000.0, kSensAble}},      {"omni", {0.045, 0.26, 55e-6, 1000.0, kSensAble}},
+    {"desktop", {0.045, 0.06, 23e-6, 1000.0, kSensAble}},    {"premium_1_5", {0.075, 0.04, 30e-6, 1000.0, kSensAble}},
+    {"premium_3_0", {0.159, 0.2, 20e-6, 1000.0, kSensAble}}, {"omega_7", {0.25, 0.1, 10e-6, 4000.0, kForceDimension}},
+    {"falcon", {0.25, 0.3, 64e-6, 1000.0, kNovint}}};
+
+void add(double work_j, PortWork& port) {
+  port.into_device_j += std::max(0.0, work_j);
+  port.out_of_device_j += std::max(0.0, -work_j);
+}
 
 void checkWayPoint(const VirtualDeviceConfig& config, std::size_t i) {
   const std::string owner = std::string(kOwner) + ": way-point " + std::to_string(i + 1);
@@ -45,13 +68,21 @@ struct Hermite {
 
 }  // namespace
 
+DeviceMechanics deviceMechanics(const std::string& name) {
+  deviceLimits(name);  // refuses unknown names
+  const auto* found = std::find_if(std::begin(kMechanics), std::end(kMechanics),
+                                   [&](const NamedMechanics& device) { return name == device.name; });
+  return found->mechanics;
+}
+
 void VirtualDeviceConfig::validate() const {
   const std::string owner = kOwner;
   limits.validate(owner);
   checkRange(owner + ": mass_kg", mass_kg, 0.005, 5.0);
   checkRange(owner + ": damping_n_s_m", damping_n_s_m, 0.0, 100.0);
-  checkRange(owner + ": hand_stiffness_n_m", hand_stiffness_n_m, 1.0,
-             mass_kg / (VirtualDevice::kStep_s * VirtualDevice::kStep_s));
+  checkRange(owner + ": friction_n", friction_n, 0.0, 10.0);
+  checkRange(owner + ": step_s", step_s, 1e-5, 1e-3);
+  checkRange(owner + ": hand_stiffness_n_m", hand_stiffness_n_m, 1.0, mass_kg / (step_s * step_s));
   checkRange(owner + ": hand_damping_n_s_m", hand_damping_n_s_m, 0.0, 100.0);
   checkRange(owner + ": position_resolution_m", position_resolution_m, 0.0, 0.001);
   if (!isFinite(workspace_centre_m))
@@ -82,7 +113,7 @@ void VirtualDevice::setServoForce(const Vector3& force_n) {
 }
 
 Vector3 VirtualDevice::renderedForce_n() const {
-  const bool timed_out = double(steps_ - servo_step_) * kStep_s > kServoTimeout_s + 0.5 * kStep_s;
+  const bool timed_out = double(steps_ - servo_step_) * config_.step_s > kServoTimeout_s + 0.5 * config_.step_s;
   return timed_out ? Vector3(Vector3::Zero()) : servo_force_n_;
 }
 
@@ -138,15 +169,37 @@ VirtualDevice::Wanted VirtualDevice::wantedAt(double time_s) const {
   return {from.position_m + s * way, ds * way, from.orientation->slerp(s, *to.orientation)};
 }
 
-void VirtualDevice::step() {
-  const Wanted wanted = wantedAt(time_s() + kStep_s);
-  const Vector3 force = config_.hand_stiffness_n_m * (wanted.position_m - position_m_) +
-                        config_.hand_damping_n_s_m * wanted.velocity_m_s + renderedForce_n();
-  const double inverse_mass = kStep_s / config_.mass_kg;
+void VirtualDevice::setGrip(double stiffness_n_m, double damping_n_s_m) {
+  assert(stiffness_n_m >= 0.0 && stiffness_n_m <= config_.mass_kg / (config_.step_s * config_.step_s));
+  assert(damping_n_s_m >= 0.0);
+  config_.hand_stiffness_n_m = stiffness_n_m;
+  config_.hand_damping_n_s_m = damping_n_s_m;
+}
+
+// Friction takes at most the momentum that there is: below that the device sticks.
+Vector3 VirtualDevice::velocityAfter(const Vector3& force_n) const {
+  const double inverse_mass = config_.step_s / config_.mass_kg;
   const double damping = config_.damping_n_s_m + config_.hand_damping_n_s_m;
-  velocity_m_s_ = (velocity_m_s_ + inverse_mass * force) / (1.0 + inverse_mass * damping);
-  position_m_ += kStep_s * velocity_m_s_;
+  const Vector3 free = (velocity_m_s_ + inverse_mass * force_n) / (1.0 + inverse_mass * damping);
+  if (config_.friction_n == 0.0)
+    return free;
+  const double lost_m_s = inverse_mass * config_.friction_n / (1.0 + inverse_mass * damping);
+  const double speed = free.norm();
+  return speed <= lost_m_s ? Vector3(Vector3::Zero()) : Vector3((1.0 - lost_m_s / speed) * free);
+}
+
+void VirtualDevice::step() {
+  const Wanted wanted = wantedAt(time_s() + config_.step_s);
+  const Vector3 motor_n = renderedForce_n();
+  const Vector3 hand_n =
+      config_.hand_stiffness_n_m * (wanted.position_m - position_m_) + config_.hand_damping_n_s_m * wanted.velocity_m_s;
+  const Vector3 before_m = position_m_;
+  velocity_m_s_ = velocityAfter(hand_n + motor_n);
+  const Vector3 damped_n = hand_n - config_.hand_damping_n_s_m * velocity_m_s_;
+  position_m_ += config_.step_s * velocity_m_s_;
   stayInWorkspace();
+  add(damped_n.dot(position_m_ - before_m), hand_work_);
+  add(motor_n.dot(position_m_ - before_m), motor_work_);
   ++steps_;
 }
 

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
+#include <string>
 
 #include "soft_volume/common/error.h"
 
@@ -211,6 +213,62 @@ TEST(VirtualDeviceTest, BadConfigurationsAreRefused) {
   expectRefused([](auto& c) { c.way_points[2].time_s = 1.0; }, "way-point 3: time_s");
   expectRefused([](auto& c) { c.way_points[1].position_m.x() = 0.2; }, "way-point 2: distance");
   expectRefused([](auto& c) { c.way_points[2].orientation->coeffs().setZero(); }, "way-point 3: norm");
+}
+
+TEST(VirtualDeviceTest, FrictionHoldsUntilItIsOvercome) {
+  VirtualDeviceConfig config = holdAt(Vector3::Zero());
+  config.friction_n = 0.26;
+  VirtualDevice device(config);
+  device.setGrip(0.0, 0.0);
+  for (const double force_n : {0.25, 0.30}) {
+    for (int n = 0; n < 20; ++n) {
+      device.setServoForce({force_n, 0.0, 0.0});
+      device.step();
+    }
+    EXPECT_EQ(device.velocity_m_s().x() > 0.0, force_n > 0.26);
+  }
+  const double speed = device.velocity_m_s().x();
+  EXPECT_NEAR(speed, 0.02 * (0.30 - 0.26) / config.mass_kg, 0.1 * speed);  // less by the damping
+  device.setServoForce(Vector3::Zero());
+  run(device, 0.1);
+  EXPECT_EQ(device.velocity_m_s().norm(), 0.0);
+}
+
+/// Works through both ports and the energy that is left tell what was dissipated; that is never negative.
+TEST(VirtualDeviceTest, WorksAddUp) {
+  VirtualDeviceConfig config = moveAlongX();
+  config.step_s = 5e-5;
+  config.damping_n_s_m = 0.0;
+  VirtualDevice device(config);
+  double hand_j = 0.0;
+  for (int n = 0; n < 10000; ++n) {
+    const Vector3 before = device.position_m();
+    device.setServoForce({-1.0, 0.0, 0.0});
+    device.step();
+    hand_j -= device.handForce_n().dot(device.position_m() - before);
+  }
+  const double motor_j = device.motorWork().into_device_j - device.motorWork().out_of_device_j;
+  const double hand_by_ports_j = device.handWork().into_device_j - device.handWork().out_of_device_j;
+  EXPECT_NEAR(motor_j, -1.0 * device.position_m().x(), 1e-12);
+  EXPECT_NEAR(hand_by_ports_j, hand_j, 0.01 * hand_j);  // by the spring's stretch before and after a step
+  // Without damping and friction only the scheme loses anything, and never gains.
+  const double lost_j = hand_by_ports_j + motor_j - device.kineticEnergy_j();
+  EXPECT_GE(lost_j, 0.0);
+  EXPECT_LT(lost_j, 0.005 * hand_j);
+}
+
+TEST(VirtualDeviceTest, MechanicsOfEveryKnownDeviceAreStated) {
+  for (const char* name : {"touch", "omni", "desktop", "premium_1_5", "premium_3_0", "omega_7", "falcon"}) {
+    const DeviceMechanics mechanics = deviceMechanics(name);
+    VirtualDeviceConfig config = holdAt(Vector3::Zero());
+    config.mass_kg = mechanics.mass_kg;
+    config.friction_n = mechanics.friction_n;
+    config.position_resolution_m = mechanics.position_resolution_m;
+    EXPECT_NO_THROW(config.validate()) << name;
+    EXPECT_GE(mechanics.rate_hz, 1000.0) << name;
+    EXPECT_NE(std::string(mechanics.source), "") << name;
+  }
+  EXPECT_THROW(deviceMechanics("mouse"), SceneError);
 }
 
 }  // namespace

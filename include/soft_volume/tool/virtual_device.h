@@ -21,14 +21,28 @@ struct WayPoint {
   bool pass = false;
 };
 
-/// A haptic device and the hand that holds it. The defaults are a Touch: apparent mass 45 g at the tip as its maker
-/// states. Its damping and the hand's stiffness and damping are assumptions, in the range that papers on grasps of a
-/// stylus report (hundreds of N/m, a few N·s/m).
+/// A device's own mechanics, which its limits (what a driver may render) do not tell.
+struct DeviceMechanics {
+  double mass_kg = 0.045;                   ///< apparent mass at the tip
+  double friction_n = 0.26;                 ///< Coulomb friction at the tip
+  double position_resolution_m = 0.000055;  ///< of the encoders, at the tip
+  double rate_hz = 1000.0;                  ///< of its servo loop
+  const char* source = "";                  ///< whose numbers these are
+};
+
+/// The mechanics of a device that deviceLimits() knows. Throws SceneError with the known names for another name.
+DeviceMechanics deviceMechanics(const std::string& name);
+
+/// A haptic device and the hand that holds it. The defaults are a Touch without friction: apparent mass 45 g at the tip
+/// as its maker states. Its damping and the hand's stiffness and damping are assumptions, in the range that papers on
+/// grasps of a stylus report (hundreds of N/m, a few N·s/m).
 struct VirtualDeviceConfig {
   DeviceLimits limits;
   double mass_kg = 0.045;                        ///< apparent mass at the tip; [0.005, 5]
   double damping_n_s_m = 0.2;                    ///< physical damping; [0, 100]
-  double hand_stiffness_n_m = 300.0;             ///< [1, mass / (1 ms)^2], beyond which a 1 ms step is not stable
+  double friction_n = 0.0;                       ///< Coulomb friction, sticks too; [0, 10]
+  double step_s = 0.001;                         ///< that step() advances; [0.00001, 0.001]
+  double hand_stiffness_n_m = 300.0;             ///< [1, mass / step^2], beyond which a step is not stable
   double hand_damping_n_s_m = 5.0;               ///< [0, 100]
   double position_resolution_m = 0.0;            ///< of the encoders, 0 for none; [0, 0.001]
   Vector3 workspace_centre_m = Vector3::Zero();  ///< volume frame
@@ -36,6 +50,12 @@ struct VirtualDeviceConfig {
 
   /// Throws SceneError with the field, or the way-point's number, and its range.
   void validate() const;
+};
+
+/// Work through one of the device's ports so far, joule; what went in and out by turns adds to both.
+struct PortWork {
+  double into_device_j = 0.0;
+  double out_of_device_j = 0.0;
 };
 
 /// A haptic device in software that behaves like a driver of a real one: mass and damping, a hand that pulls it along a
@@ -46,7 +66,7 @@ struct VirtualDeviceConfig {
 /// implicit in the damping): deterministic, and no clock is read. One thread at a time.
 class VirtualDevice {
  public:
-  static constexpr double kStep_s = 0.001;
+  static constexpr double kStep_s = 0.001;  ///< of a configuration that does not say otherwise
   static constexpr double kServoTimeout_s = 0.02;
 
   /// Starts at rest at the first way-point. Throws SceneError when the configuration is not valid.
@@ -54,10 +74,12 @@ class VirtualDevice {
 
   /// The force that the motors shall render from now on, volume frame. Not finite is taken as zero.
   void setServoForce(const Vector3& force_n);
+  /// The hand holds the device by another spring and damper from now on; zeros let it go.
+  void setGrip(double stiffness_n_m, double damping_n_s_m);
   void step();
 
   /// Seconds simulated.
-  double time_s() const { return double(steps_) * kStep_s; }
+  double time_s() const { return double(steps_) * config_.step_s; }
   /// True after the last way-point's time; the hand stays there.
   bool scriptEnded() const { return time_s() >= config_.way_points.back().time_s; }
   /// Tip, volume frame, as the encoders see it.
@@ -68,6 +90,12 @@ class VirtualDevice {
   Vector3 renderedForce_n() const;
   /// What the hand feels: spring and damper between hand and device, on the hand [N].
   Vector3 handForce_n() const;
+  /// Of the tip, exactly.
+  const Vector3& position_m() const { return position_m_; }
+  /// Exact works of hand and motors in the steps that were done.
+  const PortWork& handWork() const { return hand_work_; }
+  const PortWork& motorWork() const { return motor_work_; }
+  double kineticEnergy_j() const { return 0.5 * config_.mass_kg * velocity_m_s_.squaredNorm(); }
   const VirtualDeviceConfig& config() const { return config_; }
 
  private:
@@ -81,6 +109,7 @@ class VirtualDevice {
   Wanted passingBetween(std::size_t way_point, double u) const;
   bool passes(std::size_t way_point) const;
   Vector3 velocityAt(std::size_t way_point) const;
+  Vector3 velocityAfter(const Vector3& force_n) const;
   void stayInWorkspace();
 
   VirtualDeviceConfig config_;
@@ -89,6 +118,8 @@ class VirtualDevice {
   Vector3 velocity_m_s_ = Vector3::Zero();
   Vector3 servo_force_n_ = Vector3::Zero();
   std::uint64_t servo_step_ = 0;
+  PortWork hand_work_;
+  PortWork motor_work_;
 };
 
 }  // namespace soft_volume::core
