@@ -209,11 +209,12 @@ void readSafety(YamlMap& map, SafetyConfig& s) {
 ToolConfig readTool(YamlMap& map, const DeviceLimits& limits) {
   ToolConfig tool;
   tool.id = map.text("id");
-  tool.kind = map.choice("kind", {"probe", "scalpel"}, "probe") == "scalpel" ? ToolKind::kScalpel : ToolKind::kProbe;
+  readChoice(map, "kind", tool.kind);
   tool.tissue_threshold = map.number("tissue_threshold", kFinite);
   tool.tip_radius_m = map.number("tip_radius_m", kFinite, tool.tip_radius_m);
   tool.footprint_radius_m = map.number("footprint_radius_m", kFinite, tool.footprint_radius_m);
   tool.patch_radius_m = map.number("patch_radius_m", kFinite, tool.patch_radius_m);
+  tool.friction_coefficient = map.number("friction_coefficient", kFinite, tool.friction_coefficient);
   tool.hold_steps = static_cast<std::uint32_t>(map.integer("hold_steps", {1.0, 10000.0}, tool.hold_steps));
   readCoupling(map, tool.coupling);
   readSafety(map, tool.safety);
@@ -222,6 +223,9 @@ ToolConfig readTool(YamlMap& map, const DeviceLimits& limits) {
   tool.blade_min_move_m = map.number("blade_min_move_m", kFinite, tool.blade_min_move_m);
   tool.cutting_drag_n_s_m = map.number("cutting_drag_n_s_m", kFinite, tool.cutting_drag_n_s_m);
   tool.cut_button = static_cast<std::uint32_t>(map.integer("cut_button", {0.0, 31.0}, tool.cut_button));
+  tool.grasp_reach_m = map.number("grasp_reach_m", kFinite, tool.grasp_reach_m);
+  tool.slip_force_n = map.number("slip_force_n", kFinite, tool.slip_force_n);
+  tool.grasp_button = static_cast<std::uint32_t>(map.integer("grasp_button", {0.0, 31.0}, tool.grasp_button));
   validated(map, "id", [&tool] { tool.validate(); });
   map.finish();
   return tool;

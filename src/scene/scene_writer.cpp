@@ -185,11 +185,12 @@ void writeSettings(Writer& out, const RenderSettings& r) {
 void writeTool(Writer& out, const ToolConfig& t) {
   out.item([&] {
     out.text("id", t.id);
-    out.text("kind", t.kind == ToolKind::kScalpel ? "scalpel" : "probe");
+    out.text("kind", nameOf(t.kind));
     out.number("tissue_threshold", t.tissue_threshold);
     out.number("tip_radius_m", t.tip_radius_m);
     out.number("footprint_radius_m", t.footprint_radius_m);
     out.number("patch_radius_m", t.patch_radius_m);
+    out.number("friction_coefficient", t.friction_coefficient);
     out.number("hold_steps", t.hold_steps);
     out.number("stiffness_n_m", t.coupling.stiffness_n_m);
     out.number("damping_n_s_m", t.coupling.damping_n_s_m);
@@ -205,6 +206,9 @@ void writeTool(Writer& out, const ToolConfig& t) {
     out.number("blade_min_move_m", t.blade_min_move_m);
     out.number("cutting_drag_n_s_m", t.cutting_drag_n_s_m);
     out.number("cut_button", t.cut_button);
+    out.number("grasp_reach_m", t.grasp_reach_m);
+    out.number("slip_force_n", t.slip_force_n);
+    out.number("grasp_button", t.grasp_button);
   });
 }
 

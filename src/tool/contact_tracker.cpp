@@ -1,8 +1,9 @@
 #include "soft_volume/tool/contact_tracker.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
+
+#include "directions.h"
 
 namespace soft_volume::core {
 namespace {
@@ -13,26 +14,6 @@ constexpr double kDrop = 0.05;  // of the radius; a surface that is deeper than 
 constexpr double kBesideOpening = 0.6;
 constexpr double kBlend = 0.2;  // stable below a dent nine times sharper than the tip is deep
 constexpr double kMaxTurn = 2.0 * M_PI / 180.0;
-constexpr std::size_t kDirections = 26;
-
-std::array<Vector3, kDirections> makeDirections() {
-  std::array<Vector3, kDirections> directions;
-  std::size_t n = 0;
-  for (int k = -1; k <= 1; ++k) {
-    for (int j = -1; j <= 1; ++j) {
-      for (int i = -1; i <= 1; ++i) {
-        if (i != 0 || j != 0 || k != 0)
-          directions[n++] = Vector3(i, j, k).normalized();
-      }
-    }
-  }
-  return directions;
-}
-
-const std::array<Vector3, kDirections>& directions() {
-  static const std::array<Vector3, kDirections> kAll = makeDirections();
-  return kAll;
-}
 
 // Turns a unit vector towards another one, by a share of the difference and a largest angle; opposite ones are ignored.
 Vector3 turnTowards(const Vector3& from, const Vector3& to) {
@@ -224,9 +205,10 @@ void ContactTracker::remember(const PatchContact& field, const Hit& hit) {
   surface_point_m_ = field.position(hit.inside);
 }
 
-Contact ContactTracker::report(const PatchContact& field, const Hit& hit) const {
+Contact ContactTracker::report(const PatchContact& field, const Hit& hit, const Vector3& tip_m) const {
   Contact contact;
   contact.touching = true;
+  contact.proxy_m = tip_m + hit.depth() * normal_;
   contact.surface_point_m = surface_point_m_;
   contact.normal = normal_;
   contact.cell = surface_cell_id_;
@@ -260,7 +242,7 @@ Contact ContactTracker::touch(const PatchContact& field, const Vector3& tip_m, d
   }
   touching_ = true;
   remember(field, hit);
-  return report(field, hit);
+  return report(field, hit, tip_m);
 }
 
 void ContactTracker::carrySurfacePoint(const PatchContact& field) {
@@ -278,7 +260,7 @@ Contact ContactTracker::follow(const PatchContact& field, const Vector3& tip_m, 
   if (!hit.found || hit.depth() <= 0.0)
     return release(tip_m);
   remember(field, hit);
-  const Contact contact = report(field, hit);
+  const Contact contact = report(field, hit, tip_m);
   // Beyond the patch's end nothing is known of the surface, and below another lip its slope is hard to tell.
   if (!contact.patch_too_small && !hit.at_closed_lips)
     normal_ = turnTowards(normal_, surfaceNormal(field, hit, normal_, radius_m));

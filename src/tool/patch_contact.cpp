@@ -1,6 +1,7 @@
 #include "soft_volume/tool/patch_contact.h"
 
 #include <algorithm>
+#include <bitset>
 #include <cassert>
 #include <numeric>
 #include <string>
@@ -387,6 +388,14 @@ bool PatchContact::isAtCut(const CellPoint& at) const {
   const Vector3 point_m = position(at);
   return std::any_of(cones_.begin() + cell.first, cones_.begin() + cell.first + cell.cones,
                      [&](const Cone& cone) { return cone.cut && cone.shape.isAtBase(point_m, kAtFace); });
+}
+
+std::uint32_t PatchContact::cutFaceCount(std::uint32_t cell) const {
+  const Cell& of = cells_[cell];
+  if (of.isHexahedron())
+    return std::uint32_t(std::bitset<6>(hexahedra_[of.first].cuts).count());
+  const auto first = cones_.begin() + of.first;
+  return std::uint32_t(std::count_if(first, first + of.cones, [](const Cone& cone) { return cone.cut; }));
 }
 
 bool PatchContact::gridGoesOn(const CellPoint& at) const {

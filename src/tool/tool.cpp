@@ -22,10 +22,16 @@ void ToolConfig::validate() const {
   checkRange(owner + ": tip_radius_m", tip_radius_m, 0.0005, 0.05);
   checkRange(owner + ": footprint_radius_m", footprint_radius_m, 0.001, 0.1);
   checkRange(owner + ": patch_radius_m", patch_radius_m, 0.005, 0.2);
+  checkRange(owner + ": friction_coefficient", friction_coefficient, 0.0, 2.0);
   checkRange(owner + ": hold_steps", hold_steps, 1, 10000);
   device.validate(owner + ": device");
   coupling.validate(owner, device);
   safety.validate(owner);
+  if (kind == ToolKind::kGrasper) {
+    checkRange(owner + ": grasp_reach_m", grasp_reach_m, 0.0005, 0.05);
+    checkRange(owner + ": slip_force_n", slip_force_n, 1e-6, 100.0);
+    checkRange(owner + ": grasp_button", grasp_button, 0, 31);
+  }
   if (kind != ToolKind::kScalpel)
     return;
   checkRange(owner + ": blade_length_m", blade_length_m, 0.001, 0.1);

@@ -385,11 +385,23 @@ TEST(ToolConfigTest, BadValuesAreRefused) {
   expectRefused([](auto& c) { c.tip_radius_m = 0.0; }, "tip_radius_m");
   expectRefused([](auto& c) { c.footprint_radius_m = 1.0; }, "footprint_radius_m");
   expectRefused([](auto& c) { c.patch_radius_m = -0.1; }, "patch_radius_m");
+  expectRefused([](auto& c) { c.friction_coefficient = 2.1; }, "friction_coefficient");
   expectRefused([](auto& c) { c.hold_steps = 0; }, "hold_steps");
   expectRefused([](auto& c) { c.blade_length_m = 1.0; }, "blade_length_m");
   expectRefused([](auto& c) { c.blade_min_move_m = 0.0; }, "blade_min_move_m");
   expectRefused([](auto& c) { c.cutting_drag_n_s_m = 1.0; }, "cutting_drag_n_s_m");
   expectRefused([](auto& c) { c.cut_button = 32; }, "cut_button");
+  const auto refusedGrasper = [](auto damage, const std::string& field) {
+    expectRefused(
+        [&](ToolConfig& c) {
+          c.kind = ToolKind::kGrasper;
+          damage(c);
+        },
+        field);
+  };
+  refusedGrasper([](auto& c) { c.grasp_reach_m = 0.0; }, "grasp_reach_m");
+  refusedGrasper([](auto& c) { c.slip_force_n = 0.0; }, "slip_force_n");
+  refusedGrasper([](auto& c) { c.grasp_button = 32; }, "grasp_button");
   expectRefused([](auto& c) { c.coupling.stiffness_n_m = -1.0; }, "stiffness_n_m");
   expectRefused([](auto& c) { c.coupling.damping_n_s_m = 0.2; }, "damping_n_s_m");
   expectRefused([](auto& c) { c.coupling.device_damping_n_s_m = 0.0; }, "device_damping_n_s_m");

@@ -4,20 +4,10 @@
 #include <limits>
 
 #include "soft_volume/common/geometry.h"
+#include "soft_volume/tool/contact.h"
 #include "soft_volume/tool/patch_contact.h"
 
 namespace soft_volume::core {
-
-/// Where a spherical tip touches the deformed tissue; volume frame.
-struct Contact {
-  bool touching = false;
-  Vector3 surface_point_m = Vector3::Zero();       ///< on the deformed surface, on the line through the tip
-  Vector3 normal = Vector3::Zero();                ///< outward unit vector
-  Vector3 surface_velocity_m_s = Vector3::Zero();  ///< of the tissue at the surface point
-  std::uint32_t cell = PatchContact::kNoCell;      ///< the topology's number of the cell that it lies on
-  double penetration_m = 0.0;                      ///< of the sphere's lowest point below the surface, along the normal
-  bool patch_too_small = false;  ///< the surface lies beyond the patch: the penetration is a lower bound
-};
 
 /// Single-point contact along the gradient: follows one point of the tissue's surface from touch to release and
 /// measures the penetration of a sphere along the surface normal there.
@@ -82,7 +72,7 @@ class ContactTracker {
   bool touchDirection(const PatchContact& field, const Vector3& tip_m, double radius_m);
   void carrySurfacePoint(const PatchContact& field);
   void remember(const PatchContact& field, const Hit& hit);
-  Contact report(const PatchContact& field, const Hit& hit) const;
+  Contact report(const PatchContact& field, const Hit& hit, const Vector3& tip_m) const;
   Contact release(const Vector3& tip_m);
 
   bool touching_ = false;

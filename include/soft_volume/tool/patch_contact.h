@@ -60,6 +60,8 @@ class PatchContact {
   /// Whether a face of the patch's cells, or of one of them, was opened by an incision.
   bool hasCuts() const { return has_cuts_; }
   bool isCut(std::uint32_t cell) const { return cells_[cell].cut; }
+  /// Parts of a cell's surface that an incision opened.
+  std::uint32_t cutFaceCount(std::uint32_t cell) const;
   /// Revision of the topology that the patch belongs to.
   std::uint32_t revision() const { return revision_; }
   /// Box of the deformed cells; empty without cells.

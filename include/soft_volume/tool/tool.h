@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <bitset>
 #include <cstdint>
 #include <memory>
@@ -7,6 +8,7 @@
 #include <string>
 
 #include "soft_volume/common/geometry.h"
+#include "soft_volume/common/named_choice.h"
 #include "soft_volume/grid/patch.h"
 #include "soft_volume/grid/topology.h"
 #include "soft_volume/tool/cut_resistance.h"
@@ -23,7 +25,10 @@ namespace soft_volume::core {
 using Buttons = std::bitset<32>;
 
 /// Values are those of the message ToolState.
-enum class ToolKind : std::uint8_t { kProbe = 0, kScalpel = 1 };
+enum class ToolKind : std::uint8_t { kProbe = 0, kScalpel = 1, kGrasper = 2 };
+template <>
+inline constexpr std::array<NamedChoice<ToolKind>, 3> kChoices<ToolKind>{
+    {{"probe", ToolKind::kProbe}, {"scalpel", ToolKind::kScalpel}, {"grasper", ToolKind::kGrasper}}};
 
 /// A tool of the scene.
 struct ToolConfig {
@@ -34,8 +39,9 @@ struct ToolConfig {
   /// Radius over which the tissue takes the force; [0.001, 0.1]. Below twice the lattice's spacing only a few vertices
   /// carry it, and the loop of device, tool and a lightly damped lattice buzzes.
   double footprint_radius_m = 0.016;
-  double patch_radius_m = 0.03;   ///< cells within this distance of the tip are asked for; [0.005, 0.2]
-  std::uint32_t hold_steps = 50;  ///< steps for which the tissue holds a force without a successor; [1, 10000]
+  double patch_radius_m = 0.03;       ///< cells within this distance of the tip are asked for; [0.005, 0.2]
+  double friction_coefficient = 0.0;  ///< of Coulomb's friction between tip and tissue; [0, 2]
+  std::uint32_t hold_steps = 50;      ///< steps for which the tissue holds a force without a successor; [1, 10000]
   CouplingConfig coupling;
   DeviceLimits device;
   SafetyConfig safety;
@@ -45,6 +51,11 @@ struct ToolConfig {
   double blade_min_move_m = 0.0005;  ///< a blade that moves less cuts nothing yet; [0.00005, 0.01]
   double cutting_drag_n_s_m = 0.1;   ///< drag on the blade while it cuts; [0, coupling.device_damping_n_s_m]
   std::uint32_t cut_button = 0;      ///< button that cuts while held; [0, 31]
+
+  // Grasper only.
+  double grasp_reach_m = 0.005;    ///< closing jaws grip tissue that is no farther from the tip; [0.0005, 0.05]
+  double slip_force_n = 3.0;       ///< the jaws let go when they pull harder; (0, 100]
+  std::uint32_t grasp_button = 0;  ///< button that keeps the jaws closed while held; [0, 31]
 
   /// Throws SceneError with the tool, the field and its range.
   void validate() const;
