@@ -23,15 +23,13 @@ DeviceLimits readLimits(YamlMap map) {
   return limits;
 }
 
-DeviceMechanics readMechanics(YamlMap map) {
-  DeviceMechanics mechanics;
-  mechanics.mass_kg = map.number("mass_kg", {0.005, 5.0, "kg"}, mechanics.mass_kg);
-  mechanics.damping_n_s_m = map.number("damping_n_s_m", {kTiny, 100.0, "N s/m"}, mechanics.damping_n_s_m);
-  mechanics.friction_n = map.number("friction_n", {0.0, 10.0, "N"}, mechanics.friction_n);
-  mechanics.position_resolution_m =
-      map.number("position_resolution_m", {0.0, 0.001, "m"}, mechanics.position_resolution_m);
+void readMechanics(YamlMap map, DeviceProfile& profile) {
+  DeviceMechanics& m = profile.mechanics;
+  m.mass_kg = map.number("mass_kg", {0.005, 5.0, "kg"});
+  m.friction_n = map.number("friction_n", {0.0, 10.0, "N"});
+  m.position_resolution_m = map.number("position_resolution_m", {0.0, 0.001, "m"});
+  profile.device_damping_n_s_m = map.number("damping_n_s_m", {kTiny, 100.0, "N s/m"});
   map.finish();
-  return mechanics;
 }
 
 /// The ranges are the rules that no device may loosen.
@@ -159,9 +157,10 @@ DeviceProfile parseDeviceProfile(const std::string& yaml, const std::string& ori
   profile.name = top.text("name");
   readStyle(top, profile);
   profile.limits = readLimits(top.map("limits"));
-  profile.mechanics = readMechanics(top.map("mechanics"));
+  readMechanics(top.map("mechanics"), profile);
   profile.safety = readSafety(top.map("safety"));
   profile.rate_hz = top.number("rate_hz", {20.0, 4000.0, "Hz"}, profile.rate_hz);
+  profile.mechanics.rate_hz = profile.rate_hz;
   profile.output_delay_s = top.number("output_delay_s", {0.0, 0.1, "s"}, profile.output_delay_s);
   profile.base_frame = top.text("base_frame", "");
   profile.topics = readTopics(top.map("topics"));

@@ -75,7 +75,7 @@ TEST(DeviceProfile, ReadsEveryKey) {
   EXPECT_EQ(p.limits.max_damping_n_s_m, 3.0);
   EXPECT_EQ(p.limits.workspace_radius_m, 0.08);
   EXPECT_EQ(p.mechanics.mass_kg, 0.05);
-  EXPECT_EQ(p.mechanics.damping_n_s_m, 0.1);
+  EXPECT_EQ(p.device_damping_n_s_m, 0.1);
   EXPECT_EQ(p.mechanics.friction_n, 0.26);
   EXPECT_EQ(p.mechanics.position_resolution_m, 0.00005);
   EXPECT_EQ(p.safety.max_growth_n_s, 80.0);

@@ -8,6 +8,7 @@
 #include "soft_volume/common/named_choice.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/tool/force_limiter.h"
+#include "soft_volume/tool/virtual_device.h"
 #include "soft_volume/tool/workspace_mapping.h"
 
 namespace soft_volume::core {
@@ -64,23 +65,16 @@ struct TeleopConfig {
   double dead_zone = 0.05;      ///< deflection up to which nothing moves; [0, 0.9]
 };
 
-/// Mechanics of a device, which the passivity rule and the virtual device need.
-struct DeviceMechanics {
-  double mass_kg = 0.045;              ///< apparent mass at the tip; [0.005, 5]
-  double damping_n_s_m = 0.2;          ///< physical damping b of device and hand, a low estimate; (0, 100]
-  double friction_n = 0.0;             ///< Coulomb friction at the tip; [0, 10]
-  double position_resolution_m = 0.0;  ///< of the encoders; [0, 0.001]
-};
-
 /// Everything that the nodes must know of a device and its driver: one file per device in config/devices, whose keys
 /// doc/haptics.md lists.
 struct DeviceProfile {
   std::string name;
   DeviceStyle style = DeviceStyle::kCrtk;
-  DeviceLimits limits;  ///< at the device
-  DeviceMechanics mechanics;
-  SafetyConfig safety;      ///< at the device
-  double rate_hz = 1000.0;  ///< of the poses, and of the loop; [20, 4000]
+  DeviceLimits limits;                ///< at the device
+  DeviceMechanics mechanics;          ///< what the virtual device pretends; its rate is rate_hz below
+  double device_damping_n_s_m = 0.2;  ///< physical damping b of device and hand, a low estimate; (0, 100]
+  SafetyConfig safety;                ///< at the device
+  double rate_hz = 1000.0;            ///< of the poses, and of the loop; [20, 4000]
   double output_delay_s =
       0.0;  ///< from the arrival of a force at the driver to the motors, which no message tells; [0, 0.1]
   std::string base_frame;  ///< frame_id that poses must have; empty: any
