@@ -13,8 +13,10 @@
 namespace soft_volume::core {
 namespace {
 
-constexpr int kMaxBins = 24;      // per axis
-constexpr double kAtFace = 1e-6;  // metres
+constexpr int kMaxBins = 24;  // per axis
+constexpr std::size_t kBinsPerCell = 48;
+constexpr double kAtFace = 1e-6;     // metres
+constexpr double kSamePlace = 1e-4;  // of a cell; vertices are in single precision
 constexpr std::array<std::uint32_t, 8> kHexahedronOrder{0, 1, 2, 3, 4, 5, 6, 7};
 constexpr std::array<std::uint32_t, 8> kVoxelOrder{0, 1, 3, 2, 4, 5, 7, 6};
 
@@ -77,6 +79,8 @@ void PatchContact::clear() {
   cells_.clear();
   hexahedra_.clear();
   cones_.clear();
+  vertex_ids_.clear();
+  duration_s_ = 0.0;
   has_cuts_ = false;
   bounds_.setEmpty();
   mean_edge_m_ = 0.0;
@@ -129,6 +133,7 @@ bool PatchContact::isMissing(const Behind& behind) const {
 }
 
 void PatchContact::placePoints(const Topology& topology, const GridPatch& patch) {
+  vertex_ids_ = patch.vertex_ids;
   positions_m_.clear();
   places_m_.clear();
   velocities_m_s_.clear();
@@ -140,27 +145,16 @@ void PatchContact::placePoints(const Topology& topology, const GridPatch& patch)
   }
 }
 
-// The image of a trilinear map and a cone lie in the hull of their corners; the margin keeps points within the face
-// tolerance.
 void PatchContact::addCell(Cell cell) {
-  const Vector3 margin = 10.0 * kFaceTolerance * cell.box.sizes() + Vector3::Constant(1e-9);
-  cell.box = Box3(Vector3(cell.box.min() - margin), Vector3(cell.box.max() + margin));
   has_cuts_ |= cell.cut;
   cells_.push_back(cell);
 }
 
 void PatchContact::addHexahedron(const Topology& topology, std::uint32_t id) {
-  Trilinear::Corners position;
-  Trilinear::Corners place;
-  Trilinear::Corners velocity;
-  Cell cell;
+  Hexahedron hexahedron;
   for (std::uint32_t i = 0; i < 8; ++i) {
     const std::uint32_t at = topology.cell_offsets[id] + cornerOrder(topology.cell_types[id])[i];
-    const std::uint32_t slot = vertex_slots_[topology.connectivity[at]];
-    position[i] = positions_m_[slot];
-    velocity[i] = velocities_m_s_[slot];
-    place[i] = places_m_[slot];
-    cell.box.extend(position[i]);
+    hexahedron.corners[i] = vertex_slots_[topology.connectivity[at]];
   }
   unsigned missing = 0;
   unsigned cuts = 0;
@@ -169,35 +163,14 @@ void PatchContact::addHexahedron(const Topology& topology, std::uint32_t id) {
     missing |= isMissing(other) ? 1U << face : 0U;
     cuts |= other.cut ? 1U << face : 0U;
   }
+  hexahedron.missing_neighbours = std::uint8_t(missing);
+  hexahedron.cuts = std::uint8_t(cuts);
+  Cell cell;
   cell.id = id;
   cell.cut = cuts != 0;
   cell.first = std::uint32_t(hexahedra_.size());
-  hexahedra_.push_back(
-      {Trilinear(position), Trilinear(place), Trilinear(velocity), std::uint8_t(missing), std::uint8_t(cuts)});
+  hexahedra_.push_back(hexahedron);
   addCell(cell);
-}
-
-// A point in the middle of a cell's faces' corners, which extend its box.
-std::uint32_t PatchContact::addCentre(const Topology& topology, std::uint32_t id, Cell& cell) {
-  Vector3 position = Vector3::Zero();
-  Vector3 place = Vector3::Zero();
-  Vector3 velocity = Vector3::Zero();
-  double count = 0.0;
-  const std::uint32_t* begin = topology.connectivity.data() + topology.cell_offsets[id];
-  forEachFace(topology.cell_types[id], begin, [&](std::size_t, const std::uint32_t* loop, std::size_t size) {
-    for (std::size_t i = 0; i < size; ++i) {
-      const std::uint32_t slot = vertex_slots_[loop[i]];
-      position += positions_m_[slot];
-      place += places_m_[slot];
-      velocity += velocities_m_s_[slot];
-      cell.box.extend(positions_m_[slot]);
-    }
-    count += double(size);
-  });
-  positions_m_.push_back(position / count);
-  places_m_.push_back(place / count);
-  velocities_m_s_.push_back(velocity / count);
-  return std::uint32_t(positions_m_.size() - 1);
 }
 
 void PatchContact::addCones(const Topology& topology, std::uint32_t id) {
@@ -207,22 +180,39 @@ void PatchContact::addCones(const Topology& topology, std::uint32_t id) {
   Cell cell;
   cell.id = id;
   cell.first = std::uint32_t(cones_.size());
-  const std::uint32_t centre = addCentre(topology, id, cell);
-  const double tolerance_m = kFaceTolerance * cell.box.sizes().maxCoeff();
+  const auto centre = std::uint32_t(positions_m_.size());
+  Box3 box;
+  forEachFace(topology.cell_types[id], begin, [&](std::size_t, const std::uint32_t* loop, std::size_t size) {
+    for (std::size_t i = 0; i < size; ++i)
+      box.extend(positions_m_[vertex_slots_[loop[i]]]);
+  });
+  const double tolerance_m = kFaceTolerance * box.sizes().maxCoeff();
   forEachFace(topology.cell_types[id], begin, [&](std::size_t face, const std::uint32_t* loop, std::size_t size) {
     const Behind other = behind(topology, id, face);
     addFace(topology, {loop, size}, other, centre, tolerance_m);
     cell.cut |= other.cut;
   });
   cell.cones = std::uint32_t(cones_.size()) - cell.first;
+  for (std::vector<Vector3>* field : {&positions_m_, &places_m_, &velocities_m_s_})
+    field->push_back(centreOf(*field, cell));
   addCell(cell);
+}
+
+// A field in the middle of the bases of a cell's cones.
+Vector3 PatchContact::centreOf(const std::vector<Vector3>& field, const Cell& cell) const {
+  Vector3 sum = Vector3::Zero();
+  for (std::uint32_t c = cell.first; c < cell.first + cell.cones; ++c) {
+    for (std::size_t corner = 1; corner < cones_[c].points.size(); ++corner)
+      sum += field[cones_[c].points[corner]];
+  }
+  return sum / (4.0 * cell.cones);
 }
 
 void PatchContact::addFace(const Topology& topology, const Loop& loop, const Behind& behind, std::uint32_t centre,
                            double tolerance_m) {
   const auto slot = [&](std::size_t corner) { return vertex_slots_[loop.vertices[corner % loop.size]]; };
   const auto add = [&](const SurfaceCone::Points& points) {
-    cones_.push_back({SurfaceCone(positions_m_, points, tolerance_m), isMissing(behind), behind.cut});
+    cones_.push_back({points, tolerance_m, isMissing(behind), behind.cut});
   };
   const bool fits_hexahedron =
       behind.neighbour >= 0 && !behind.cut && isHexahedral(topology.cell_types[std::size_t(behind.neighbour)]);
@@ -240,6 +230,7 @@ void PatchContact::addFace(const Topology& topology, const Loop& loop, const Beh
 void PatchContact::update(const Topology& topology, const GridPatch& patch) {
   check(topology, patch);
   clear();
+  session_ = patch.session;
   revision_ = patch.revision;
   countFaces(topology);
   placePoints(topology, patch);
@@ -249,20 +240,52 @@ void PatchContact::update(const Topology& topology, const GridPatch& patch) {
     else
       addCones(topology, id);
   }
+  from_m_ = positions_m_;
+  to_m_ = positions_m_;
+  known_.assign(positions_m_.size(), 0);
   if (cells_.empty())
     return;
+  boundCells();
+  boundPlaces();
   measure();
+  reserveBins();
   buildBins();
+}
+
+template <typename Visit>
+void PatchContact::forPointsOf(const Cell& cell, const Visit& visit) const {
+  if (cell.isHexahedron()) {
+    for (const std::uint32_t slot : hexahedra_[cell.first].corners)
+      visit(slot);
+  }
+  for (std::uint32_t c = cell.first; c < cell.first + cell.cones; ++c) {
+    for (const std::uint32_t slot : cones_[c].points)
+      visit(slot);
+  }
+}
+
+// The image of a trilinear map and a cone lie in the hull of their corners, and that of a moving one in the hull of its
+// ends; the margin keeps points within the face tolerance.
+void PatchContact::boundCells() {
+  bounds_.setEmpty();
+  for (Cell& cell : cells_) {
+    Box3 box;
+    forPointsOf(cell, [&](std::uint32_t slot) {
+      box.extend(from_m_[slot]);
+      box.extend(to_m_[slot]);
+    });
+    const Vector3 margin = 10.0 * kFaceTolerance * box.sizes() + Vector3::Constant(1e-9);
+    cell.box = Box3(Vector3(box.min() - margin), Vector3(box.max() + margin));
+    bounds_.extend(cell.box);
+  }
 }
 
 void PatchContact::measure() {
   double edges = 0.0;
-  for (const Cell& cell : cells_) {
-    bounds_.extend(cell.box);
+  for (const Cell& cell : cells_)
     edges += hexahedra_.empty() ? cell.box.sizes().mean() : 0.0;
-  }
   for (const Hexahedron& hexahedron : hexahedra_)
-    edges += hexahedron.position.jacobian(Vector3::Constant(0.5)).colwise().norm().mean();
+    edges += trilinear(positions_m_, hexahedron).jacobian(Vector3::Constant(0.5)).colwise().norm().mean();
   mean_edge_m_ = edges / double(hexahedra_.empty() ? cells_.size() : hexahedra_.size());
   march_step_m_ = std::max(0.5 * volume_->geometry().spacing_m.minCoeff(), mean_edge_m_ / 16.0);
 }
@@ -288,21 +311,159 @@ void PatchContact::forBinsOf(const Cell& cell, const Visit& visit) const {
   }
 }
 
+void PatchContact::boundPlaces() {
+  for (Cell& cell : cells_) {
+    forPointsOf(cell, [&](std::uint32_t slot) { cell.place_box.extend(places_m_[slot]); });
+    const Vector3 margin = 2.0 * kSamePlace * cell.place_box.sizes();
+    cell.place_box = Box3(Vector3(cell.place_box.min() - margin), Vector3(cell.place_box.max() + margin));
+  }
+}
+
+// Room for any later buildBins(): a moving cell's box may reach over more bins than that of a resting one.
+void PatchContact::reserveBins() {
+  bin_offsets_.reserve(std::size_t(kMaxBins) * kMaxBins * kMaxBins + 1);
+  bin_fill_.reserve(bin_offsets_.capacity());
+  bin_cells_.reserve(kBinsPerCell * cells_.size());
+}
+
 void PatchContact::buildBins() {
   const Vector3 sizes = bounds_.sizes();
-  for (int a = 0; a < 3; ++a) {
+  for (int a = 0; a < 3; ++a)
     bins_[a] = int(std::clamp(std::ceil(sizes[a] / std::max(mean_edge_m_, 1e-12)), 1.0, double(kMaxBins)));
-    bins_per_m_[a] = sizes[a] > 0.0 ? bins_[a] / sizes[a] : 0.0;
+  while (!countBins()) {
+    for (int& bins : bins_)
+      bins = (bins + 1) / 2;
   }
-  bin_offsets_.assign(std::size_t(bins_[0]) * bins_[1] * bins_[2] + 1, 0);
-  for (const Cell& cell : cells_)
-    forBinsOf(cell, [this](std::size_t bin) { ++bin_offsets_[bin + 1]; });
-  std::partial_sum(bin_offsets_.begin(), bin_offsets_.end(), bin_offsets_.begin());
   bin_fill_.assign(bin_offsets_.begin(), bin_offsets_.end() - 1);
   bin_cells_.resize(bin_offsets_.back());
   for (std::uint32_t c = 0; c < cells_.size(); ++c) {
     forBinsOf(cells_[c], [this, c](std::size_t bin) { bin_cells_[bin_fill_[bin]++] = c; });
   }
+}
+
+// Where the bins' cells begin; false when there is no room for them.
+bool PatchContact::countBins() {
+  const Vector3 sizes = bounds_.sizes();
+  for (int a = 0; a < 3; ++a)
+    bins_per_m_[a] = sizes[a] > 0.0 ? bins_[a] / sizes[a] : 0.0;
+  bin_offsets_.assign(std::size_t(bins_[0]) * bins_[1] * bins_[2] + 1, 0);
+  for (const Cell& cell : cells_)
+    forBinsOf(cell, [this](std::size_t bin) { ++bin_offsets_[bin + 1]; });
+  std::partial_sum(bin_offsets_.begin(), bin_offsets_.end(), bin_offsets_.begin());
+  return bin_offsets_.back() <= bin_cells_.capacity();
+}
+
+// Where the patch before shows the vertices that it has; the others stay at their places.
+void PatchContact::takeShown(const PatchContact& shown) {
+  std::size_t other = 0;
+  for (std::size_t slot = 0; slot < vertex_ids_.size(); ++slot) {
+    while (other < shown.vertex_ids_.size() && shown.vertex_ids_[other] < vertex_ids_[slot])
+      ++other;
+    const bool known = other < shown.vertex_ids_.size() && shown.vertex_ids_[other] == vertex_ids_[slot];
+    known_[slot] = known ? 1 : 0;
+    from_m_[slot] = known ? shown.positions_m_[other] : to_m_[slot];
+  }
+  std::fill(known_.begin() + std::ptrdiff_t(vertex_ids_.size()), known_.end(), 0U);
+}
+
+// Gives the points that the patch before lacks the mean way of the known ones in their cells. While it sums them up,
+// known_ counts them from kNeighbours on.
+void PatchContact::placeUnknown() {
+  constexpr std::uint32_t kNeighbours = 2;
+  for (const Cell& cell : cells_) {
+    Vector3 way = Vector3::Zero();
+    std::uint32_t count = 0;
+    forPointsOf(cell, [&](std::uint32_t slot) {
+      if (known_[slot] == 1) {
+        way += from_m_[slot] - to_m_[slot];
+        ++count;
+      }
+    });
+    if (count == 0)
+      continue;
+    forPointsOf(cell, [&](std::uint32_t slot) {
+      if (known_[slot] != 1) {
+        from_m_[slot] += way / double(count);
+        known_[slot] = std::max(known_[slot], kNeighbours) + 1;
+      }
+    });
+  }
+  for (std::size_t slot = 0; slot < from_m_.size(); ++slot) {
+    if (known_[slot] > kNeighbours)
+      from_m_[slot] = to_m_[slot] + (from_m_[slot] - to_m_[slot]) / double(known_[slot] - kNeighbours);
+  }
+}
+
+// Where a place of the volume is shown, in this one of the cells.
+std::optional<Vector3> PatchContact::shownPlaceIn(const Cell& cell, const Vector3& place_m) const {
+  if (cell.isHexahedron()) {
+    const Hexahedron& hexahedron = hexahedra_[cell.first];
+    const auto local = trilinear(places_m_, hexahedron).invert(place_m, kSamePlace);
+    if (local)
+      return trilinear(positions_m_, hexahedron).value(*local);
+  }
+  for (std::uint32_t c = cell.first; c < cell.first + cell.cones; ++c) {
+    const auto local = SurfaceCone(places_m_, cones_[c].points, kSamePlace * mean_edge_m_).invert(place_m);
+    if (local)
+      return SurfaceCone::value(positions_m_, cones_[c].points, *local);
+  }
+  return std::nullopt;
+}
+
+// The same in all cells; between lips, which have their places in common, the one that is nearer to `near_m`.
+std::optional<Vector3> PatchContact::shownPlace(const Vector3& place_m, const Vector3& near_m) const {
+  std::optional<Vector3> nearest;
+  for (const Cell& cell : cells_) {
+    if (!cell.place_box.contains(place_m))
+      continue;
+    const auto there = shownPlaceIn(cell, place_m);
+    if (there && (!nearest || (*there - near_m).squaredNorm() < (*nearest - near_m).squaredNorm()))
+      nearest = there;
+  }
+  return nearest;
+}
+
+void PatchContact::placeCutVertices(const PatchContact& shown) {
+  if (shown.revision_ == revision_)
+    return;
+  for (std::size_t slot = 0; slot < vertex_ids_.size(); ++slot) {
+    if (known_[slot] != 1)
+      from_m_[slot] = shown.shownPlace(places_m_[slot], from_m_[slot]).value_or(from_m_[slot]);
+  }
+}
+
+void PatchContact::beginFrom(const PatchContact& shown, double duration_s) {
+  if (cells_.empty() || shown.empty() || shown.session_ != session_ || !(duration_s > 0.0))
+    return;
+  takeShown(shown);
+  placeUnknown();
+  placeCutVertices(shown);
+  for (const Cell& cell : cells_) {
+    if (!cell.isHexahedron())
+      from_m_[cones_[cell.first].points[0]] = centreOf(from_m_, cell);
+  }
+  duration_s_ = duration_s;
+  gone_s_ = 0.0;
+  for (std::size_t slot = 0; slot < from_m_.size(); ++slot)
+    velocities_m_s_[slot] = (to_m_[slot] - from_m_[slot]) / duration_s;
+  positions_m_ = from_m_;
+  boundCells();
+  buildBins();
+}
+
+void PatchContact::advance(double dt_s) {
+  if (duration_s_ == 0.0)
+    return;
+  gone_s_ += dt_s;
+  if (gone_s_ < duration_s_) {
+    const double share = gone_s_ / duration_s_;
+    for (std::size_t slot = 0; slot < from_m_.size(); ++slot)
+      positions_m_[slot] = from_m_[slot] + share * (to_m_[slot] - from_m_[slot]);
+    return;
+  }
+  positions_m_ = to_m_;
+  std::fill(velocities_m_s_.begin(), velocities_m_s_.end(), Vector3::Zero());
+  duration_s_ = 0.0;
 }
 
 PatchContact::CellPoint PatchContact::locate(const Vector3& point_m, std::uint32_t hint) const {
@@ -329,14 +490,27 @@ PatchContact::CellPoint PatchContact::locate(const Vector3& point_m, std::uint32
 PatchContact::CellPoint PatchContact::locateIn(std::uint32_t cell, const Vector3& point_m) const {
   const Cell& in = cells_[cell];
   if (in.isHexahedron()) {
-    const auto local = hexahedra_[in.first].position.invert(point_m, kFaceTolerance);
+    const auto local = trilinear(positions_m_, hexahedra_[in.first]).invert(point_m, kFaceTolerance);
     return local ? CellPoint{cell, *local, 0} : CellPoint{};
   }
   for (std::uint32_t c = 0; c < in.cones; ++c) {
-    if (const auto local = cones_[in.first + c].shape.invert(point_m))
+    if (const auto local = shapeOf(cones_[in.first + c]).invert(point_m))
       return {cell, *local, c};
   }
   return {};
+}
+
+Trilinear PatchContact::trilinear(const std::vector<Vector3>& field, const Hexahedron& hexahedron) {
+  Trilinear::Corners corners;
+  for (std::size_t i = 0; i < corners.size(); ++i)
+    corners[i] = field[hexahedron.corners[i]];
+  return Trilinear(corners);
+}
+
+Vector3 PatchContact::value(const std::vector<Vector3>& field, const CellPoint& at) const {
+  const Cell& cell = cells_[at.cell];
+  return cell.isHexahedron() ? trilinear(field, hexahedra_[cell.first]).value(at.local)
+                             : SurfaceCone::value(field, cones_[cell.first + at.cone].points, at.local);
 }
 
 PatchContact::Sample PatchContact::sample(const Vector3& point_m, std::uint32_t hint) const {
@@ -354,10 +528,10 @@ Vector3 PatchContact::gradient(const CellPoint& at) const {
   Matrix3 position;
   Matrix3 place;
   if (cell.isHexahedron()) {
-    position = hexahedra_[cell.first].position.jacobian(at.local);
-    place = hexahedra_[cell.first].place.jacobian(at.local);
+    position = trilinear(positions_m_, hexahedra_[cell.first]).jacobian(at.local);
+    place = trilinear(places_m_, hexahedra_[cell.first]).jacobian(at.local);
   } else {
-    const SurfaceCone& cone = cones_[cell.first + at.cone].shape;
+    const SurfaceCone cone = shapeOf(cones_[cell.first + at.cone]);
     position = cone.jacobian(positions_m_, at.local);
     place = cone.jacobian(places_m_, at.local);
   }
@@ -382,12 +556,12 @@ bool PatchContact::isAtCut(const CellPoint& at) const {
     return false;
   if (cell.isHexahedron()) {
     const Hexahedron& hexahedron = hexahedra_[cell.first];
-    const Vector3 lengths = hexahedron.position.jacobian(at.local).colwise().norm();
+    const Vector3 lengths = trilinear(positions_m_, hexahedron).jacobian(at.local).colwise().norm();
     return isAtFace(hexahedron.cuts, at.local.cwiseProduct(lengths), lengths);
   }
   const Vector3 point_m = position(at);
   return std::any_of(cones_.begin() + cell.first, cones_.begin() + cell.first + cell.cones,
-                     [&](const Cone& cone) { return cone.cut && cone.shape.isAtBase(point_m, kAtFace); });
+                     [&](const Cone& cone) { return cone.cut && shapeOf(cone).isAtBase(point_m, kAtFace); });
 }
 
 std::uint32_t PatchContact::cutFaceCount(std::uint32_t cell) const {

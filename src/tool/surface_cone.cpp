@@ -81,15 +81,14 @@ bool SurfaceCone::isAtBase(const Vector3& point_m, double distance_m) const {
   return (inside + distance_m * per_m_).minCoeff() >= 0.0;
 }
 
-Vector3 SurfaceCone::value(const std::vector<Vector3>& field, const Vector3& local) const {
+Vector3 SurfaceCone::value(const std::vector<Vector3>& field, const Points& points, const Vector3& local) {
   const auto [a, b, c] = std::array<double, 3>{local[0], local[1], local[2]};
-  if (!isQuadrilateral()) {
-    return (1.0 - a) * field[points_[0]] + (a - b - c) * field[points_[1]] + b * field[points_[2]] +
-           c * field[points_[3]];
+  if (!isQuadrilateral(points)) {
+    return (1.0 - a) * field[points[0]] + (a - b - c) * field[points[1]] + b * field[points[2]] + c * field[points[3]];
   }
   const double k = mixed(local);
-  return (1.0 - a) * field[points_[0]] + (a - b - c + k) * field[points_[1]] + (b - k) * field[points_[2]] +
-         k * field[points_[3]] + (c - k) * field[points_[4]];
+  return (1.0 - a) * field[points[0]] + (a - b - c + k) * field[points[1]] + (b - k) * field[points[2]] +
+         k * field[points[3]] + (c - k) * field[points[4]];
 }
 
 Matrix3 SurfaceCone::jacobian(const std::vector<Vector3>& field, const Vector3& local) const {

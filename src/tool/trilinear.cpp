@@ -23,12 +23,14 @@ Trilinear::Trilinear(const Corners& c)
                     c[0] - c[1] + c[2] - c[3],
                     c[0] - c[3] - c[4] + c[7],
                     c[0] - c[1] - c[4] + c[5],
-                    c[1] - c[0] + c[3] - c[2] + c[4] - c[5] + c[6] - c[7]} {
+                    c[1] - c[0] + c[3] - c[2] + c[4] - c[5] + c[6] - c[7]} {}
+
+bool Trilinear::isWarped() const {
   const double edge = std::min({coefficients_[1].norm(), coefficients_[2].norm(), coefficients_[3].norm()});
   double warp = 0.0;
   for (int i = 4; i < 8; ++i)
     warp += coefficients_[i].norm();
-  warped_ = warp > kWarpedFraction * edge;
+  return warp > kWarpedFraction * edge;
 }
 
 Vector3 Trilinear::value(const Vector3& p) const {
@@ -70,7 +72,7 @@ std::optional<Vector3> Trilinear::invert(const Vector3& wanted, double tolerance
   const Newton first = newton(wanted, tolerance, local);
   if (first == Newton::kInside)
     return local;
-  if (first == Newton::kOutside && !warped_)
+  if (first == Newton::kOutside && !isWarped())
     return std::nullopt;
   for (int start = 0; start < 8; ++start) {
     local = Vector3(start & 1 ? 0.85 : 0.15, start & 2 ? 0.85 : 0.15, start & 4 ? 0.85 : 0.15);

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "soft_volume/common/geometry.h"
@@ -23,7 +24,14 @@ namespace soft_volume::core {
 /// its lowest vertex. So both cells of a face give it the same shape and leave no gap; kFaceTolerance of a
 /// hexahedron's local coordinates, or of a piece's size, is for rounding alone. A cell with a dent so deep that its
 /// centre does not see it reaches over it. Points and velocities are in the volume frame, metres and metres per second.
-/// Queries allocate nothing and take no lock; any number of threads may query while none calls update() or clear().
+/// Queries allocate nothing and take no lock; any number of threads may query while none calls anything else.
+///
+/// Patches come more slowly than a hand feels. So that tissue does not jump from one to the next, a patch can begin
+/// from where the one before shows its vertices, and be led to its own places by and by:
+///
+///     next.update(topology, patch);             // allocates; in any thread
+///     next.beginFrom(shown, interval_s);        // allocates nothing; then `next` is what is shown
+///     next.advance(dt_s);                       // once per tick; allocates nothing
 class PatchContact {
  public:
   static constexpr std::uint32_t kNoCell = 0xffffffffU;
@@ -54,6 +62,12 @@ class PatchContact {
   void update(const Topology& topology, const GridPatch& patch);
   /// Forgets the patch: everything is air.
   void clear();
+  /// Starts to move from where `shown` has its vertices now to where the newest patch has them, within `duration_s` >
+  /// 0. Vertices that `shown` lacks (a cut made them, or the patch went on) begin as far from their places as their
+  /// neighbours do. Nothing happens when `shown` is empty or of another session. Call once after update().
+  void beginFrom(const PatchContact& shown, double duration_s);
+  /// Moves on along that way; the tissue rests at its end.
+  void advance(double dt_s);
 
   bool empty() const { return cells_.empty(); }
   std::size_t cellCount() const { return cells_.size(); }
@@ -79,10 +93,11 @@ class PatchContact {
   CellPoint locateIn(std::uint32_t cell, const Vector3& point_m) const;
 
   /// Deformed place of a point of a cell [m]. The functions below need a found point.
-  Vector3 position(const CellPoint& at) const { return value<&Hexahedron::position>(positions_m_, at); }
-  Vector3 velocity(const CellPoint& at) const { return value<&Hexahedron::velocity>(velocities_m_s_, at); }
+  Vector3 position(const CellPoint& at) const { return value(positions_m_, at); }
+  /// Of the tissue as it is shown: the patch's own, or that of the way from the patch before.
+  Vector3 velocity(const CellPoint& at) const { return value(velocities_m_s_, at); }
   /// Its place in the undeformed volume, volume frame [m].
-  Vector3 volumePoint(const CellPoint& at) const { return value<&Hexahedron::place>(places_m_, at); }
+  Vector3 volumePoint(const CellPoint& at) const { return value(places_m_, at); }
   /// Gradient of the intensity by the deformed position [1/m]: the volume's gradient under the inverse transpose of the
   /// deformation gradient. Zero in a cell without volume.
   Vector3 gradient(const CellPoint& at) const;
@@ -96,20 +111,21 @@ class PatchContact {
   bool gridGoesOn(const CellPoint& at) const;
 
  private:
+  // Cells know their points by slot alone, so that moving a patch is moving its vertices.
   struct Hexahedron {
-    Trilinear position;
-    Trilinear place;
-    Trilinear velocity;
+    std::array<std::uint32_t, 8> corners;
     std::uint8_t missing_neighbours = 0;  // bit f: the cell behind face f is not in the patch
     std::uint8_t cuts = 0;                // bit f: an incision opened face f
   };
   struct Cone {
-    SurfaceCone shape;
+    SurfaceCone::Points points;
+    double tolerance_m;
     bool missing_neighbour = false;
     bool cut = false;
   };
   struct Cell {
     Box3 box;
+    Box3 place_box;
     std::uint32_t id = 0;
     std::uint32_t first = 0;  // its hexahedron, or the first of its cones
     std::uint32_t cones = 0;
@@ -135,23 +151,31 @@ class PatchContact {
   void addCell(Cell cell);
   void addHexahedron(const Topology& topology, std::uint32_t id);
   void addCones(const Topology& topology, std::uint32_t id);
-  std::uint32_t addCentre(const Topology& topology, std::uint32_t id, Cell& cell);
   void addFace(const Topology& topology, const Loop& loop, const Behind& behind, std::uint32_t centre,
                double tolerance_m);
   void measure();
+  void boundCells();
+  void boundPlaces();
+  void reserveBins();
   void buildBins();
+  bool countBins();
+  void takeShown(const PatchContact& shown);
+  void placeUnknown();
+  void placeCutVertices(const PatchContact& shown);
+  std::optional<Vector3> shownPlace(const Vector3& place_m, const Vector3& near_m) const;
+  std::optional<Vector3> shownPlaceIn(const Cell& cell, const Vector3& place_m) const;
+  template <typename Visit>
+  void forPointsOf(const Cell& cell, const Visit& visit) const;
+  SurfaceCone shapeOf(const Cone& cone) const { return {positions_m_, cone.points, cone.tolerance_m}; }
+  Vector3 centreOf(const std::vector<Vector3>& field, const Cell& cell) const;
+  static Trilinear trilinear(const std::vector<Vector3>& field, const Hexahedron& hexahedron);
   std::array<int, 3> binOf(const Vector3& point_m) const;
   std::size_t binIndex(int i, int j, int k) const {
     return std::size_t(i) + std::size_t(bins_[0]) * (std::size_t(j) + std::size_t(bins_[1]) * std::size_t(k));
   }
   template <typename Visit>
   void forBinsOf(const Cell& cell, const Visit& visit) const;
-  template <Trilinear Hexahedron::*Field>
-  Vector3 value(const std::vector<Vector3>& field, const CellPoint& at) const {
-    const Cell& cell = cells_[at.cell];
-    return cell.isHexahedron() ? (hexahedra_[cell.first].*Field).value(at.local)
-                               : cones_[cell.first + at.cone].shape.value(field, at.local);
-  }
+  Vector3 value(const std::vector<Vector3>& field, const CellPoint& at) const;
 
   std::shared_ptr<const Volume> volume_;
   double tissue_threshold_;
@@ -160,11 +184,20 @@ class PatchContact {
   std::vector<Hexahedron> hexahedra_;
   std::vector<Cone> cones_;
   bool has_cuts_ = false;
+  std::uint64_t session_ = 0;
   std::uint32_t revision_ = 0;
   // The patch's vertices in its order, then the centres of cells that are made of cones.
-  std::vector<Vector3> positions_m_;
+  std::vector<std::uint32_t> vertex_ids_;  // of the former alone
+  std::vector<Vector3> positions_m_;       // as shown
   std::vector<Vector3> places_m_;
   std::vector<Vector3> velocities_m_s_;
+
+  // The way from the patch before: from_m_ at 0 s, to_m_ at duration_s_.
+  std::vector<Vector3> from_m_;
+  std::vector<Vector3> to_m_;
+  std::vector<std::uint32_t> known_;  // per vertex: 1 when the patch before has it; scratch: neighbours that it has
+  double duration_s_ = 0.0;           // 0: no way to go
+  double gone_s_ = 0.0;
   Box3 bounds_;
   double march_step_m_ = 0.0;
   double mean_edge_m_ = 0.0;

@@ -16,7 +16,7 @@ namespace soft_volume::core {
 ///
 /// Local coordinates (a, b, c): a from 0 at the apex to 1 at the base; b / a and c / a run along the base's edges from
 /// its first corner, [0, 1] each and b + c <= a for a triangle. Fields are interpolated linearly (bilinearly along a
-/// quadrilateral). Pure and without allocation; safe from any thread.
+/// quadrilateral). Pure and without allocation; safe from any thread. Cheap enough to be made for one query.
 class SurfaceCone {
  public:
   /// Numbers of points: apex, then the base's corners along its border; triangles repeat the last one.
@@ -31,12 +31,14 @@ class SurfaceCone {
   /// Whether a point is no farther than this from a base that is a triangle.
   bool isAtBase(const Vector3& point_m, double distance_m) const;
   /// A field with one value per point.
-  Vector3 value(const std::vector<Vector3>& field, const Vector3& local) const;
+  Vector3 value(const std::vector<Vector3>& field, const Vector3& local) const { return value(field, points_, local); }
+  static Vector3 value(const std::vector<Vector3>& field, const Points& points, const Vector3& local);
   /// Columns are its derivatives by the local coordinates.
   Matrix3 jacobian(const std::vector<Vector3>& field, const Vector3& local) const;
 
  private:
-  bool isQuadrilateral() const { return points_[3] != points_[4]; }
+  static bool isQuadrilateral(const Points& points) { return points[3] != points[4]; }
+  bool isQuadrilateral() const { return isQuadrilateral(points_); }
   std::optional<Vector3> invertTriangle(const Vector3& local) const;
   std::optional<Vector3> invertQuadrilateral(const Vector3& linear) const;
 

@@ -27,10 +27,10 @@ class Trilinear {
  private:
   enum class Newton { kInside, kOutside, kFailed };
   Newton newton(const Vector3& value, double tolerance, Vector3& local) const;
+  bool isWarped() const;
 
   // Monomials 1, x, y, z, xy, yz, zx, xyz: cheaper to evaluate than the eight shape functions.
   std::array<Vector3, 8> coefficients_;
-  bool warped_ = false;
 };
 
 }  // namespace soft_volume::core
