@@ -31,9 +31,9 @@ void ScriptedRun::moveOnce() {
   output_ = tools_[in_hand_]->update(input);
   device_.setServoForce(output_.device_force_n);
   if (output_.force)
-    judge(session_.apply(*output_.force));
+    judge(session_.apply(toCommand(tool().config().id, *output_.force)));
   if (output_.cut)
-    judge(session_.apply(*output_.cut));
+    judge(session_.apply(toCommand(tool().config().id, *output_.cut)));
 }
 
 void ScriptedRun::swapTool() {

@@ -53,8 +53,8 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
   reset_service_ = node_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
         const std::lock_guard<std::mutex> lock(mutex_);
-        for (const auto& tool : tools_)
-          publishCut(tool->reset(), poseHeader());
+        if (!tools_.empty())
+          publishCut(tool().reset(), poseHeader());
         response.success = 1;
         response.message = "forces start at zero again";
         return true;
@@ -224,10 +224,10 @@ std_msgs::Header ToolNode::poseHeader() const {
   return header;
 }
 
-void ToolNode::publishCut(const std::optional<core::ToolCutCommand>& command, const std_msgs::Header& header) {
+void ToolNode::publishCut(const std::optional<core::TissueCut>& command, const std_msgs::Header& header) {
   if (!command)
     return;
-  ToolCut cut = toMessage(*command);
+  ToolCut cut = toMessage(core::toCommand(tool().config().id, *command));
   cut.header = header;
   cut_publisher_.publish(cut);
 }
@@ -239,7 +239,7 @@ void ToolNode::publish(const core::ToolOutput& output) {
   servo.wrench.force = toVector(output.device_force_n);
   servo_publisher_.publish(servo);
   if (output.force) {
-    ToolForce force = toMessage(*output.force);
+    ToolForce force = toMessage(core::toCommand(tool().config().id, *output.force));
     force.header = header;
     force_publisher_.publish(force);
   }
@@ -250,7 +250,7 @@ void ToolNode::publish(const core::ToolOutput& output) {
 
 void ToolNode::publishState(const core::ToolOutput& output, const std_msgs::Header& header) {
   const core::ToolConfig& config = tool().config();
-  const core::ToolCommandHeader& patch = tool().patchHeader();
+  const core::TickHeader& patch = output.patch;
   ToolState state;
   state.header = header;
   state.session = patch.session;

@@ -2,18 +2,18 @@
 
 namespace soft_volume::core {
 
-Vector3 CutResistance::update(const Vector3& move_m, double dt_s, double resistance_n) {
-  if (!(resistance_n > 0.0 && stiffness_n_m_ > 0.0)) {
+Vector3 CutResistance::update(const Vector3& move_m, double dt_s, double resistance_n, double stiffness_n_m) {
+  if (!(resistance_n > 0.0 && stiffness_n_m > 0.0)) {
     reset();
     return Vector3::Zero();
   }
   stretch_m_ += move_m;
-  stretch_m_ /= 1.0 + dt_s * stiffness_n_m_ * kFullSpeed_m_s / resistance_n;
-  const double longest_m = resistance_n / stiffness_n_m_;
+  stretch_m_ /= 1.0 + dt_s * stiffness_n_m * kFullSpeed_m_s / resistance_n;
+  const double longest_m = resistance_n / stiffness_n_m;
   const double length_m = stretch_m_.norm();
   if (length_m > longest_m)
     stretch_m_ *= longest_m / length_m;
-  return -stiffness_n_m_ * stretch_m_;
+  return -stiffness_n_m * stretch_m_;
 }
 
 }  // namespace soft_volume::core

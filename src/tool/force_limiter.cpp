@@ -23,6 +23,7 @@ constexpr std::array<std::pair<const char*, DeviceLimits>, 7> kDevices{{
     {"falcon", {8, 3000, 20, 0.04}},
 }};
 
+constexpr double kRounding = 1e-9;
 constexpr double kTiny = 1e-9;  // stands for an open end of a range
 
 }  // namespace
@@ -44,20 +45,6 @@ DeviceLimits deviceLimits(const std::string& name) {
   throw SceneError("device '" + name + "' is not known; use one of " + known + ", or state its limits");
 }
 
-double CouplingConfig::renderedStiffness(const DeviceLimits& limits) const {
-  const double passive = 0.5 * (device_damping_n_s_m - std::abs(damping_n_s_m)) / (0.5 * sample_period_s + delay_s);
-  return std::max(0.0, std::min({stiffness_n_m, limits.max_stiffness_n_m, passive}));
-}
-
-void CouplingConfig::validate(const std::string& owner, const DeviceLimits& limits) const {
-  checkRange(owner + ": stiffness_n_m", stiffness_n_m, kTiny, 20000.0);
-  checkRange(owner + ": device_damping_n_s_m", device_damping_n_s_m, kTiny, 100.0);
-  checkRange(owner + ": damping_n_s_m", damping_n_s_m, 0.0,
-             std::min(0.99 * device_damping_n_s_m, limits.max_damping_n_s_m));
-  checkRange(owner + ": sample_period_s", sample_period_s, 1e-4, 0.1);
-  checkRange(owner + ": delay_s", delay_s, 0.0, 0.1);
-}
-
 void SafetyConfig::validate(const std::string& owner) const {
   checkRange(owner + ": max_growth_n_s", max_growth_n_s, kTiny, 100.0);
   checkRange(owner + ": ramp_in_s", ramp_in_s, 0.2, 10.0);
@@ -72,6 +59,10 @@ std::string describe(ForceFault fault) {
       return "";
     case ForceFault::kStalePose:
       return "no pose from the device within the time limit";
+    case ForceFault::kDisabled:
+      return "the device does not take forces now: it is not enabled, or its clutch is held";
+    case ForceFault::kStalePatch:
+      return "the simulation no longer sends the tissue near the tool";
     case ForceFault::kUnusablePose:
       return "the device's pose is not finite or its quaternion is not a rotation";
     case ForceFault::kUnusableForce:
@@ -84,6 +75,12 @@ std::string describe(ForceFault fault) {
 
 void ForceLimiter::reset() {
   *this = ForceLimiter(limits_, safety_);
+}
+
+void ForceLimiter::restart() {
+  const bool tripped = tripped_;
+  reset();
+  tripped_ = tripped;
 }
 
 bool ForceLimiter::jumped(double pose_time_s, const Vector3& position_m) {
@@ -123,13 +120,19 @@ ForceFault ForceLimiter::check(double time_s, double pose_time_s, const Pose& po
   return fault_;
 }
 
+void ForceLimiter::report(ForceFault fault) {
+  if (fault_ == ForceFault::kNone)
+    fault_ = fault;
+}
+
 Vector3 ForceLimiter::falling(double time_s) {
   ramp_start_s_.reset();
   if (!fall_start_s_) {
     fall_start_s_ = time_s;
     fall_from_n_ = force_n_;
   }
-  return std::clamp(1.0 - (time_s - *fall_start_s_) / safety_.drop_s, 0.0, 1.0) * fall_from_n_;
+  const double share = 1.0 - (time_s - *fall_start_s_) / safety_.drop_s;
+  return (share < kRounding ? 0.0 : std::min(share, 1.0)) * fall_from_n_;
 }
 
 // Whatever lies between zero and the force sent last is a decrease and free; the rest is growth, also sideways.

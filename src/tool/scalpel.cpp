@@ -43,7 +43,7 @@ bool Scalpel::lift() {
   return std::exchange(has_cut_, false);
 }
 
-bool Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<SweptQuad>& quads) {
+Scalpel::Sweep Scalpel::cut(const PatchContact& field, const Pose& pose) {
   Edge now;
   now.tip = pose.position_m;
   now.heel = pose * Vector3(0.0, 0.0, blade_length_m_);
@@ -51,7 +51,7 @@ bool Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<Swept
   if (!start_) {
     start_ = now;
     start_in_tissue_ = now.in_tissue;
-    return false;
+    return {};
   }
   start_->in_tissue = now.in_tissue;
   const bool tissue = start_in_tissue_ || now.in_tissue || sweptTissue(field, *start_, now);
@@ -60,16 +60,16 @@ bool Scalpel::cut(const PatchContact& field, const Pose& pose, std::vector<Swept
   if (!tissue && (!has_cut_ || in_air_m >= kLeaveDistance)) {
     start_ = now;
     in_air_m_ = 0.0;
-    return std::exchange(has_cut_, false);
+    return {std::nullopt, std::exchange(has_cut_, false)};
   }
   if (moved < min_move_m_)
-    return false;
-  quads.push_back({start_->tip, start_->heel, now.heel, now.tip});
+    return {};
+  const SweptQuad quad{start_->tip, start_->heel, now.heel, now.tip};
   start_ = now;
   start_in_tissue_ = now.in_tissue;
   has_cut_ = true;
   in_air_m_ = in_air_m;
-  return false;
+  return {quad, false};
 }
 
 }  // namespace soft_volume::core

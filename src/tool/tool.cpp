@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "range_check.h"
@@ -42,73 +43,74 @@ void ToolConfig::validate() const {
 
 Tool::Tool(const ToolConfig& config, std::uint64_t first_sequence)
     : config_((config.validate(), config)),
-      stiffness_n_m_(config.coupling.renderedStiffness(config.device)),
-      probe_(config.tip_radius_m, stiffness_n_m_, config.coupling.damping_n_s_m),
+      intake_(config.id, config.tissue_threshold),
+      grasp_(config.grasp_reach_m, config.slip_force_n),
       scalpel_(config.blade_length_m, config.blade_min_move_m),
-      resistance_(stiffness_n_m_),
+      coupling_(config.coupling, config.device),
       limiter_(config.device, config.safety),
       force_sequence_(first_sequence),
-      cut_sequence_(first_sequence) {
-  header_.tool_id = config.id;
-}
+      cut_sequence_(first_sequence) {}
 
-void Tool::forgetPatch() {
-  if (field_)
-    field_->clear();
-  reset();  // a stroke ends with its session: nobody has to be told
+void Tool::forgetSession() {
+  limiter_.restart();
+  forgetContact();
+  lift();  // a stroke ends with its session: nobody has to be told
   header_ = {};
-  header_.tool_id = config_.id;
-  blade_resistance_n_ = 0.0;
+  patches_.reset();
   push_cell_.reset();
   pushing_ = false;
 }
 
 void Tool::setVolume(std::shared_ptr<const Volume> volume) {
-  field_.emplace(std::move(volume), config_.tissue_threshold);
-  topology_.reset();
-  forgetPatch();
+  intake_.setVolume(std::move(volume));
+  patch_ = intake_.makeEmpty();
+  spare_ = intake_.makeEmpty();
+  forgetSession();
 }
 
 void Tool::setTopology(std::shared_ptr<const Topology> topology) {
-  assert(topology);
-  const bool new_session = !topology_ || topology_->session != topology->session;
-  topology_ = std::move(topology);
-  if (new_session)
-    forgetPatch();
+  if (!intake_.setTopology(std::move(topology)) || !patch_)
+    return;
+  patch_ = intake_.makeEmpty();
+  forgetSession();
 }
 
 void Tool::setPatch(const GridPatch& patch) {
-  if (!field_ || !topology_)
-    throw InputError("grid patch: it came before the volume and the grid; wait for them");
-  if (patch.tool_id != config_.id)
-    throw InputError("grid patch: made for tool '" + patch.tool_id + "'");
-  if (!(std::isfinite(patch.blade_resistance_n) && patch.blade_resistance_n >= 0.0))
-    throw InputError("grid patch: the blade's resistance is not a number from 0 on; wait for the next patch");
-  field_->update(*topology_, patch);
-  blade_resistance_n_ = patch.blade_resistance_n;
-  header_.session = patch.session;
-  header_.revision = patch.revision;
-  header_.step = patch.step;
+  intake_.fill(patch, spare_.get());
+  spare_ = takePatch(std::move(spare_));
 }
 
-std::optional<ToolCutCommand> Tool::reset() {
+std::unique_ptr<ReadyPatch> Tool::takePatch(std::unique_ptr<ReadyPatch> patch) {
+  if (header_.session != 0 && patch->session != header_.session)
+    forgetSession();
+  header_.session = patch->session;
+  header_.revision = patch->revision;
+  header_.step = patch->step;
+  patch_is_new_ = true;
+  std::swap(patch_, patch);
+  return patch;
+}
+
+std::optional<TissueCut> Tool::reset() {
   limiter_.reset();
-  probe_.reset();
-  contact_ = {};
-  in_incision_ = false;
-  has_pose_ = false;
+  forgetContact();
   return lift();
 }
 
-std::optional<ToolCutCommand> Tool::lift() {
+void Tool::forgetContact() {
+  proxy_.reset();
+  grasp_.reset();
+  contact_ = {};
+  in_incision_ = false;
+  has_pose_ = false;
+}
+
+std::optional<TissueCut> Tool::lift() {
   resistance_.reset();
   cut_pose_.reset();
   if (!scalpel_.lift())
     return std::nullopt;
-  ToolCutCommand command;
-  command.header = nextHeader(cut_sequence_);
-  command.lifted = true;
-  return command;
+  return TissueCut{nextHeader(cut_sequence_), std::nullopt, true};
 }
 
 void Tool::estimateVelocity(const ToolInput& input) {
@@ -131,16 +133,13 @@ void Tool::estimateVelocity(const ToolInput& input) {
 Vector3 Tool::cut(const ToolInput& input, ToolOutput& output) {
   Pose pose = input.pose;
   pose.orientation.normalize();
-  ToolCutCommand command;
-  command.lifted = scalpel_.cut(*field_, pose, command.quads);
-  if (!command.quads.empty() || command.lifted) {
-    command.header = nextHeader(cut_sequence_);
-    output.cut = std::move(command);
-  }
+  const Scalpel::Sweep sweep = scalpel_.cut(patch_->field, pose);
+  if (sweep.quad || sweep.ended)
+    output.cut = TissueCut{nextHeader(cut_sequence_), sweep.quad, sweep.ended};
   output.cutting = scalpel_.inTissue();
   in_incision_ |= output.cutting;
   contact_ = {};
-  probe_.reset();
+  proxy_.reset();
   push_point_m_ = input.pose.position_m;
   push_cell_.reset();
   if (output.cutting)
@@ -154,27 +153,49 @@ Vector3 Tool::cuttingForce(const Vector3& position_m, double time_s) {
   const CutPose before = cut_pose_.value_or(CutPose{position_m, time_s});
   const double dt_s = std::max(0.0, time_s - before.time_s);
   cut_pose_ = CutPose{position_m, time_s};
-  return resistance_.update(position_m - before.position_m, dt_s, blade_resistance_n_) -
+  return resistance_.update(position_m - before.position_m, dt_s, patch_->blade_resistance_n,
+                            coupling_.stiffness_n_m()) -
          config_.cutting_drag_n_s_m * velocity_m_s_;
 }
 
 void Tool::press(const ToolInput& input, Vector3& wish_n) {
-  const Probe::Result result = probe_.update(*field_, input.pose.position_m, velocity_m_s_);
+  const Contact contact =
+      proxy_.update(patch_->field, input.pose.position_m, config_.tip_radius_m, config_.friction_coefficient);
   if (in_incision_) {
-    in_incision_ = result.contact.touching;
+    in_incision_ = contact.touching;
     if (in_incision_)
       return;
   }
-  contact_ = result.contact;
+  contact_ = contact;
   if (!contact_.touching)
     return;
   push_point_m_ = contact_.surface_point_m;
   push_cell_ = contact_.cell;
-  wish_n = result.device_force_n;
+  const double leaving = (velocity_m_s_ - contact.surface_velocity_m_s).dot(contact.normal);
+  const Vector3 push = coupling_.stiffness_n_m() * (contact.proxy_m - input.pose.position_m) -
+                       config_.coupling.damping_n_s_m * leaving * contact.normal;
+  if (push.dot(contact.normal) > 0.0)  // it never pulls
+    wish_n = push;
+}
+
+/// Jaws that hold tissue feel nothing else.
+bool Tool::grip(const ToolInput& input, ToolOutput& output, Vector3& wish_n) {
+  const bool closed = input.buttons.test(config_.grasp_button);
+  const Grasp::Hold hold = grasp_.update(patch_->field, input.pose.position_m, closed, coupling_.stiffness_n_m());
+  if (!hold.holding)
+    return false;
+  output.gripping = true;
+  output.grip_point_m = hold.point_m;
+  contact_ = {};
+  proxy_.reset();
+  push_point_m_ = hold.point_m;
+  push_cell_ = hold.cell;
+  wish_n = hold.force_n;
+  return true;
 }
 
 Vector3 Tool::wishedForce(const ToolInput& input, ToolOutput& output) {
-  if (!field_ || field_->empty()) {
+  if (!patch_ || patch_->field.empty()) {
     contact_ = {};
     output.cut = lift();
     return Vector3::Zero();
@@ -183,12 +204,13 @@ Vector3 Tool::wishedForce(const ToolInput& input, ToolOutput& output) {
     return cut(input, output);
   output.cut = lift();
   Vector3 wish = Vector3::Zero();
-  press(input, wish);
+  if (config_.kind != ToolKind::kGrasper || !grip(input, output, wish))
+    press(input, wish);
   return wish;
 }
 
-ToolCommandHeader Tool::nextHeader(std::uint64_t& sequence) const {
-  ToolCommandHeader header = header_;
+TickHeader Tool::nextHeader(std::uint64_t& sequence) const {
+  TickHeader header = header_;
   header.sequence = sequence++;
   return header;
 }
@@ -198,21 +220,46 @@ void Tool::commandForce(ToolOutput& output) {
   if (!push && !pushing_)
     return;
   pushing_ = push;
-  ToolForceCommand command;
-  command.header = nextHeader(force_sequence_);
-  command.hold_steps = config_.hold_steps;
-  command.force_n = -output.device_force_n;
-  command.point_m = push_point_m_;
-  command.footprint_radius_m = config_.footprint_radius_m;
-  if (push && push_cell_)
-    command.cells.push_back(*push_cell_);
-  output.force = std::move(command);
+  output.force = TissueForce{nextHeader(force_sequence_), config_.hold_steps,
+                             -output.device_force_n,      push_point_m_,
+                             config_.footprint_radius_m,  push ? push_cell_ : std::nullopt};
+}
+
+/// Patches, poses and ticks by the clock, and what follows for the coupling.
+void Tool::watchTime(const ToolInput& input) {
+  if (patch_is_new_)
+    patches_.take(input.time_s);
+  patch_is_new_ = false;
+  meter_.tick(input.time_s, input.pose_time_s, input.pose_delay_s);
+  const bool loaded = contact_.touching || grasp_.holding() || resistance_.loaded() || pushing_;
+  coupling_.update(meter_.timing(), std::numeric_limits<double>::infinity(), loaded);
+}
+
+void Tool::report(ToolOutput& output) const {
+  output.fault = limiter_.fault();
+  output.pose_stale = output.fault == ForceFault::kStalePose || output.fault == ForceFault::kUnusablePose;
+  output.patch_stale = output.fault == ForceFault::kStalePatch;
+  output.tripped = limiter_.tripped();
+  if (output.fault == ForceFault::kNone)
+    output.contact = contact_;
+  output.velocity_m_s = velocity_m_s_;
+  output.patch = header_;
+  output.coupling_stiffness_n_m = coupling_.stiffness_n_m();
+  output.stiffness_bound = coupling_.bound();
+  output.timing = coupling_.timing();
+  output.patch_interval_s = patches_.interval();
 }
 
 ToolOutput Tool::update(const ToolInput& input) {
   ToolOutput output;
   Vector3 wish = Vector3::Zero();
-  if (limiter_.check(input.time_s, input.pose_time_s, input.pose, input.velocity_m_s) == ForceFault::kNone) {
+  limiter_.check(input.time_s, input.pose_time_s, input.pose, input.velocity_m_s);
+  watchTime(input);
+  if (!input.forces_allowed)
+    limiter_.report(ForceFault::kDisabled);
+  if (patches_.stopped(input.time_s))
+    limiter_.report(ForceFault::kStalePatch);
+  if (limiter_.fault() == ForceFault::kNone) {
     estimateVelocity(input);
     wish = wishedForce(input, output);
   } else {
@@ -224,13 +271,7 @@ ToolOutput Tool::update(const ToolInput& input) {
   output.device_force_n = limited.force_n;
   output.saturated = limited.saturated;
   output.slew_limited = limited.slew_limited;
-  output.fault = limiter_.fault();
-  output.pose_stale = output.fault == ForceFault::kStalePose || output.fault == ForceFault::kUnusablePose;
-  output.tripped = limiter_.tripped();
-  if (output.fault == ForceFault::kNone)
-    output.contact = contact_;
-  output.velocity_m_s = velocity_m_s_;
-  output.coupling_stiffness_n_m = stiffness_n_m_;
+  report(output);
   commandForce(output);
   return output;
 }

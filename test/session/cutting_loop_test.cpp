@@ -74,8 +74,8 @@ class CuttingLoop {
       work_j_ -= 0.5 * (force_n_ + output.device_force_n).dot(tip - before);
     force_n_ = output.device_force_n;
     largest_n_ = std::max(largest_n_, force_n_.norm());
-    refused_ += output.cut && !session_.apply(*output.cut).applied ? 1 : 0;
-    refused_ += output.force && !session_.apply(*output.force).applied ? 1 : 0;
+    refused_ += output.cut && !session_.apply(toCommand("scalpel", *output.cut)).applied ? 1 : 0;
+    refused_ += output.force && !session_.apply(toCommand("scalpel", *output.force)).applied ? 1 : 0;
     session_.step();
   }
 
@@ -235,7 +235,7 @@ class OpenIncision {
     input_.time_s = input_.pose_time_s = session_.steps() * kPeriod;
     output_ = probe_.update(input_);
     if (output_.force) {
-      EXPECT_TRUE(session_.apply(*output_.force).applied);
+      EXPECT_TRUE(session_.apply(toCommand("probe", *output_.force)).applied);
     }
     session_.step();
   }

@@ -29,7 +29,7 @@ struct TissueModel {
   double force_n = 0.0;
   std::deque<double> coming;
 
-  void apply(const std::optional<ToolForceCommand>& command) {
+  void apply(const std::optional<TissueForce>& command) {
     if (command)
       force_n = command->force_n.z();
     coming.push_back(force_n);
@@ -53,8 +53,6 @@ struct Loop {
   }
 
   void movePatch() {
-    if (model.stiffness_n_m == 0.0)
-      return;
     tissue.deform([this](const Vector3& p) { return Vector3(p + model.height_m * Vector3::UnitZ()); },
                   [this](const Vector3&) { return Vector3(0.0, 0.0, model.velocity_m_s); });
     tool.setPatch(tissue.patch);

@@ -15,10 +15,10 @@ constexpr double kResistance = 0.3;
 double work(CutResistance& tissue, double seconds, const std::function<double(double)>& speed_m_s,
             double resistance_n = kResistance) {
   double done = 0.0;
-  Vector3 before = tissue.update(Vector3::Zero(), 0.0, resistance_n);
+  Vector3 before = tissue.update(Vector3::Zero(), 0.0, resistance_n, kStiffness);
   for (int n = 0; n < int(std::lround(seconds / kPeriod)); ++n) {
     const Vector3 move(speed_m_s(n * kPeriod) * kPeriod, 0.0, 0.0);
-    const Vector3 force = tissue.update(move, kPeriod, resistance_n);
+    const Vector3 force = tissue.update(move, kPeriod, resistance_n, kStiffness);
     done -= 0.5 * (before + force).dot(move);
     before = force;
   }
@@ -33,7 +33,7 @@ TEST(CutResistanceTest, AStrokeCostsItsFractureEnergy) {
   const double energy = kToughness * kDepth * kLength;
   const double spring = 0.5 * resistance * resistance / kStiffness;
   for (const double speed : {0.01, 0.03, 0.1}) {
-    CutResistance tissue(kStiffness);
+    CutResistance tissue;
     const double done = work(
         tissue, kLength / speed, [&](double) { return speed; }, resistance);
     EXPECT_LT(done, energy) << speed;
@@ -45,26 +45,26 @@ TEST(CutResistanceTest, AStrokeCostsItsFractureEnergy) {
 
 TEST(CutResistanceTest, SlowBladesFeelLess) {
   for (const double share : {0.1, 0.5, 0.9}) {
-    CutResistance tissue(kStiffness);
+    CutResistance tissue;
     const double speed = share * CutResistance::kFullSpeed_m_s;
     work(tissue, 20.0, [&](double) { return speed; });
-    const Vector3 force = tissue.update(speed * kPeriod * Vector3::UnitX(), kPeriod, kResistance);
+    const Vector3 force = tissue.update(speed * kPeriod * Vector3::UnitX(), kPeriod, kResistance, kStiffness);
     EXPECT_NEAR(force.x(), -share * kResistance, 1e-3 * kResistance);
   }
 }
 
 TEST(CutResistanceTest, BladeAtRestComesToFeelNothing) {
-  CutResistance tissue(kStiffness);
+  CutResistance tissue;
   work(tissue, 1.0, [](double) { return 0.05; });
   const double relax_s = kResistance / (kStiffness * CutResistance::kFullSpeed_m_s);
   work(tissue, relax_s, [](double) { return 0.0; });
-  EXPECT_NEAR(tissue.update(Vector3::Zero(), 0.0, kResistance).norm(), std::exp(-1.0) * kResistance, 1e-3);
+  EXPECT_NEAR(tissue.update(Vector3::Zero(), 0.0, kResistance, kStiffness).norm(), std::exp(-1.0) * kResistance, 1e-3);
   work(tissue, 10.0 * relax_s, [](double) { return 0.0; });
-  EXPECT_LT(tissue.update(Vector3::Zero(), 0.0, kResistance).norm(), 1e-4);
+  EXPECT_LT(tissue.update(Vector3::Zero(), 0.0, kResistance, kStiffness).norm(), 1e-4);
 }
 
 TEST(CutResistanceTest, NeverGivesMoreThanItTook) {
-  CutResistance tissue(kStiffness);
+  CutResistance tissue;
   double taken = 0.0;
   for (int n = 0; n < 40; ++n) {
     const double turns = 1.0 + n % 7;
@@ -76,14 +76,14 @@ TEST(CutResistanceTest, NeverGivesMoreThanItTook) {
 }
 
 TEST(CutResistanceTest, FollowsATurnAndEndsWithTheResistance) {
-  CutResistance tissue(kStiffness);
+  CutResistance tissue;
   work(tissue, 1.0, [](double) { return 0.05; });
   Vector3 force;
   for (int n = 0; n < 1000; ++n)
-    force = tissue.update(Vector3(0.0, 5e-5, 0.0), kPeriod, kResistance);
+    force = tissue.update(Vector3(0.0, 5e-5, 0.0), kPeriod, kResistance, kStiffness);
   EXPECT_NEAR((force - Vector3(0.0, -kResistance, 0.0)).norm(), 0.0, 1e-3);
-  EXPECT_EQ(tissue.update(Vector3(0.0, 5e-5, 0.0), kPeriod, 0.0).norm(), 0.0);
-  EXPECT_LT(tissue.update(Vector3(0.0, 5e-5, 0.0), kPeriod, kResistance).norm(), 0.01);
+  EXPECT_EQ(tissue.update(Vector3(0.0, 5e-5, 0.0), kPeriod, 0.0, kStiffness).norm(), 0.0);
+  EXPECT_LT(tissue.update(Vector3(0.0, 5e-5, 0.0), kPeriod, kResistance, kStiffness).norm(), 0.01);
 }
 
 }  // namespace

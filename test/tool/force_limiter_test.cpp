@@ -246,23 +246,5 @@ TEST(DeviceLimitsTest, KnowsTheDevices) {
   }
 }
 
-// FACTS of a simulated loop: b = 0.2 N s/m gives 400 N/m at 1 kHz, 133 with a sample of delay; half of it is rendered.
-TEST(CouplingTest, StiffnessIsHalfOfWhatIsPassive) {
-  CouplingConfig coupling;
-  coupling.stiffness_n_m = 1e4;
-  coupling.device_damping_n_s_m = 0.2;
-  coupling.delay_s = 0.0;
-  EXPECT_NEAR(coupling.renderedStiffness(deviceLimits("touch")), 200.0, 1e-9);
-  coupling.delay_s = 0.001;
-  EXPECT_NEAR(coupling.renderedStiffness(deviceLimits("touch")), 66.667, 1e-3);
-  coupling.damping_n_s_m = 0.1;
-  EXPECT_NEAR(coupling.renderedStiffness(deviceLimits("touch")), 33.333, 1e-3);
-  coupling.damping_n_s_m = 0.0;
-  coupling.device_damping_n_s_m = 50.0;
-  EXPECT_NEAR(coupling.renderedStiffness(deviceLimits("touch")), 400.0, 1e-9);
-  coupling.stiffness_n_m = 30.0;
-  EXPECT_NEAR(coupling.renderedStiffness(deviceLimits("touch")), 30.0, 1e-9);
-}
-
 }  // namespace
 }  // namespace soft_volume::core

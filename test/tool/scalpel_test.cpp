@@ -16,7 +16,10 @@ class ScalpelTest : public testing::Test {
   ScalpelTest() { field_.update(tissue_.topology, tissue_.patch); }
 
   void cutAt(const Vector3& tip, const Quaternion& orientation = Quaternion::Identity()) {
-    ends_ += scalpel_.cut(field_, {tip, orientation}, quads_) ? 1 : 0;
+    const Scalpel::Sweep sweep = scalpel_.cut(field_, {tip, orientation});
+    if (sweep.quad)
+      quads_.push_back(*sweep.quad);
+    ends_ += sweep.ended ? 1 : 0;
   }
   /// Draws the blade from one place to another at a speed, a pose every millisecond.
   void draw(const Vector3& from, const Vector3& to, double speed_m_s) {

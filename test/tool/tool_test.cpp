@@ -11,6 +11,7 @@ namespace soft_volume::core {
 namespace {
 
 constexpr double kCycle = 0.001;
+constexpr int kCyclesPerPatch = 10;
 const Vector3 kAbove(0.030, 0.030, kSurfaceZ + 0.010);
 const Vector3 kDeep(0.030, 0.030, kSurfaceZ - 0.004);
 
@@ -49,13 +50,15 @@ class ToolTest : public testing::Test {
   }
   const ToolOutput& silentCycle() {
     input_.time_s += kCycle;
+    if (simulated_ && ++cycles_ % kCyclesPerPatch == 0)
+      tool_->setPatch(tissue_.patch);
     output_ = tool_->update(input_);
     checkForce();
-    for (const auto& quad : output_.cut ? output_.cut->quads : std::vector<SweptQuad>())
-      quads_.push_back(quad);
     if (output_.cut) {
+      if (output_.cut->quad)
+        quads_.push_back(*output_.cut->quad);
       EXPECT_GT(output_.cut->header.sequence, last_cut_sequence_);
-      EXPECT_TRUE(output_.cut->lifted || !output_.cut->quads.empty());
+      EXPECT_TRUE(output_.cut->lifted || output_.cut->quad);
       last_cut_sequence_ = output_.cut->header.sequence;
       ends_ += output_.cut->lifted ? 1 : 0;
     }
@@ -97,6 +100,8 @@ class ToolTest : public testing::Test {
   std::uint64_t last_sequence_ = 0;
   std::uint64_t last_cut_sequence_ = 0;
   int commands_ = 0;
+  int cycles_ = 0;
+  bool simulated_ = true;  // patches come
 };
 
 TEST_F(ToolTest, PushIsOpposedAndGivenToTheTissue) {
@@ -109,7 +114,6 @@ TEST_F(ToolTest, PushIsOpposedAndGivenToTheTissue) {
   ASSERT_TRUE(output_.force);
   EXPECT_EQ(output_.force->header.session, 7U);
   EXPECT_EQ(output_.force->header.revision, 3U);
-  EXPECT_EQ(output_.force->header.tool_id, "probe");
   EXPECT_EQ(output_.force->hold_steps, 50U);
   EXPECT_EQ(output_.force->footprint_radius_m, probeConfig().footprint_radius_m);
   EXPECT_LT((output_.force->point_m - Vector3(0.030, 0.030, kSurfaceZ)).norm(), 1e-6);
@@ -140,6 +144,75 @@ TEST_F(ToolTest, DeadDeviceLetsGoOfTheTissueToo) {
   EXPECT_EQ(output_.fault, ForceFault::kStalePose);
   EXPECT_EQ(output_.device_force_n.norm(), 0.0);
   EXPECT_EQ(tool_->update(input_).force, std::nullopt);
+}
+
+TEST_F(ToolTest, PatchesThatStopTakeTheForceToZeroAndItRampsInWhenTheyComeAgain) {
+  start(probeConfig());
+  moveTo(kDeep);
+  const double before = output_.device_force_n.norm();
+  ASSERT_GT(before, 0.5);
+  EXPECT_NEAR(output_.patch_interval_s, kCyclesPerPatch * kCycle, 1e-9);
+  simulated_ = false;
+  hold(0.02);  // less than three intervals
+  EXPECT_EQ(output_.device_force_n.norm(), before);
+  hold(0.036);
+  EXPECT_EQ(output_.fault, ForceFault::kStalePatch);
+  EXPECT_TRUE(output_.patch_stale);
+  EXPECT_FALSE(output_.contact.touching);
+  EXPECT_EQ(output_.device_force_n.norm(), 0.0);
+  simulated_ = true;
+  hold(0.05);
+  EXPECT_LT(output_.device_force_n.norm(), 0.3 * before);
+  EXPECT_GT(output_.device_force_n.norm(), 0.0);
+  hold(0.3);
+  EXPECT_NEAR(output_.device_force_n.norm(), before, 1e-6);
+}
+
+TEST_F(ToolTest, ADeviceThatIsNotEnabledGetsNoForce) {
+  start(probeConfig());
+  moveTo(kDeep);
+  input_.forces_allowed = false;
+  hold(0.026);
+  EXPECT_EQ(output_.fault, ForceFault::kDisabled);
+  EXPECT_EQ(output_.device_force_n.norm(), 0.0);
+  input_.forces_allowed = true;
+  hold(0.1);
+  EXPECT_NEAR(output_.device_force_n.norm(), 0.5 * output_.coupling_stiffness_n_m * 0.008, 0.01);
+}
+
+TEST_F(ToolTest, SlowPosesMakeTheCouplingSofter) {
+  start(probeConfig());
+  moveTo(kDeep);
+  const double before = output_.coupling_stiffness_n_m;
+  for (int n = 0; n < 10; ++n) {
+    cycle();
+    for (int silent = 0; silent < 9; ++silent)
+      silentCycle();
+  }
+  EXPECT_LT(output_.coupling_stiffness_n_m, 0.3 * before);
+  EXPECT_EQ(output_.stiffness_bound, StiffnessBound::kPassivity);
+  hold(2.0);  // good again, but in contact
+  EXPECT_LT(output_.coupling_stiffness_n_m, 0.3 * before);
+  moveTo(kAbove);
+  hold(0.1);
+  EXPECT_EQ(output_.coupling_stiffness_n_m, before);
+}
+
+TEST(ToolCommandTest, CommandsOfATickAreWholeCommandsOfItsTool) {
+  TissueForce force;
+  force.header = {7, 3, 99, 12};
+  force.hold_steps = 50;
+  force.cell = 17;
+  const ToolForceCommand whole = toCommand("probe", force);
+  EXPECT_EQ(whole.header.tool_id, "probe");
+  EXPECT_EQ(whole.header.session, 7U);
+  EXPECT_EQ(whole.header.revision, 3U);
+  EXPECT_EQ(whole.header.step, 99U);
+  EXPECT_EQ(whole.header.sequence, 12U);
+  EXPECT_EQ(whole.header.apply_at_step, 0U);
+  EXPECT_EQ(whole.cells, std::vector<std::uint32_t>{17});
+  const ToolCutCommand end = toCommand("scalpel", TissueCut{force.header, std::nullopt, true});
+  EXPECT_TRUE(end.quads.empty() && end.lifted);
 }
 
 TEST_F(ToolTest, UnusablePosesNeverReachTheContact) {
@@ -203,13 +276,14 @@ TEST_F(ToolTest, PatchesOfOthersAreRefused) {
 TEST_F(ToolTest, NewSessionStartsOver) {
   start(probeConfig());
   moveTo(kDeep);
+  simulated_ = false;
   tissue_.topology.session = tissue_.patch.session = 8;
   tool_->setTopology(std::make_shared<const Topology>(tissue_.topology));
   cycle();
   EXPECT_EQ(output_.device_force_n.norm(), 0.0);
   EXPECT_FALSE(output_.contact.touching);
   EXPECT_FALSE(output_.force);  // the old tissue is gone
-  tool_->setPatch(tissue_.patch);
+  simulated_ = true;
   hold(0.3);
   EXPECT_GT(output_.device_force_n.z(), 0.1);
   EXPECT_EQ(output_.force->header.session, 8U);
@@ -285,7 +359,7 @@ TEST_F(ToolTest, TheTissueHearsOnceThatAStrokeEnded) {
   cutFor10Millimetres();
   const auto end = tool_->reset();  // the tool is put down
   ASSERT_TRUE(end.has_value());
-  EXPECT_TRUE(end->lifted && end->quads.empty());
+  EXPECT_TRUE(end->lifted && !end->quad);
   EXPECT_GT(end->header.sequence, last_cut_sequence_);
   EXPECT_EQ(end->header.session, tissue_.patch.session);
   EXPECT_FALSE(tool_->reset().has_value());

@@ -58,7 +58,7 @@ class ToolNode {
   double now() const;
   std_msgs::Header poseHeader() const;
   void publish(const core::ToolOutput& output);
-  void publishCut(const std::optional<core::ToolCutCommand>& command, const std_msgs::Header& header);
+  void publishCut(const std::optional<core::TissueCut>& command, const std_msgs::Header& header);
   void publishState(const core::ToolOutput& output, const std_msgs::Header& header);
   core::Tool& tool() { return *tools_[selected_]; }
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);

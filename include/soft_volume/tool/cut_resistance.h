@@ -21,15 +21,14 @@ class CutResistance {
  public:
   static constexpr double kFullSpeed_m_s = 0.005;  ///< v0
 
-  explicit CutResistance(double stiffness_n_m) : stiffness_n_m_(stiffness_n_m) {}
-
-  /// Force on the blade [N] after it moved and `dt_s` passed, volume frame; needs dt_s >= 0 and resistance_n >= 0.
-  Vector3 update(const Vector3& move_m, double dt_s, double resistance_n);
+  /// Force on the blade [N] after it moved and `dt_s` passed, volume frame; needs dt_s >= 0 and resistance_n >= 0. The
+  /// stiffness is the coupling's; it may fall from one call to the next.
+  Vector3 update(const Vector3& move_m, double dt_s, double resistance_n, double stiffness_n_m);
   /// The blade is free: the spring is gone.
   void reset() { stretch_m_.setZero(); }
+  bool loaded() const { return stretch_m_.squaredNorm() > 0.0; }
 
  private:
-  double stiffness_n_m_;
   Vector3 stretch_m_ = Vector3::Zero();  // from the spring's end in the tissue to the blade
 };
 

@@ -23,21 +23,6 @@ struct DeviceLimits {
 /// open haptics library ships). Throws SceneError with the known names for another name.
 DeviceLimits deviceLimits(const std::string& name);
 
-/// A spring and damper between the device and the surface (virtual coupling), as discrete control can render it.
-struct CouplingConfig {
-  double stiffness_n_m = 200.0;       ///< wish; (0, 20000]
-  double damping_n_s_m = 0.0;         ///< along the normal; [0, device_damping_n_s_m)
-  double device_damping_n_s_m = 0.2;  ///< physical damping b of device and hand, a low estimate; (0, 100]
-  double sample_period_s = 0.001;     ///< period T of pose and force; [1e-4, 0.1]
-  double delay_s = 0.001;             ///< delay T_d from a pose to its force, beyond the sampling; [0, 0.1]
-
-  /// The stiffness that is rendered: the wish, at most the device's, at most K = (b - |B|) / 2 / (T/2 + T_d). That is
-  /// half of the bound b > K (T/2 + T_d) + |B| (Colgate and Schenkel's passivity of a sampled wall, with the delay that
-  /// a simulation of the loop gave), B being the rendered damping.
-  double renderedStiffness(const DeviceLimits& limits) const;
-  void validate(const std::string& owner, const DeviceLimits& limits) const;
-};
-
 /// Rules between the wished force and the motor. The defaults are the loosest values that are allowed.
 struct SafetyConfig {
   double max_growth_n_s = 100.0;  ///< fastest growth of the force, 0.1 N/ms; (0, 100]
@@ -53,6 +38,8 @@ struct SafetyConfig {
 enum class ForceFault {
   kNone,
   kStalePose,      ///< no pose within stale_after_s
+  kDisabled,       ///< the device is not enabled, or the hand holds the clutch
+  kStalePatch,     ///< the simulation has stopped sending the tissue's state
   kUnusablePose,   ///< not finite, or the quaternion is not a rotation
   kUnusableForce,  ///< the wished force is not finite
   kTripped,        ///< the pose jumped; stays until reset()
@@ -66,7 +53,8 @@ std::string describe(ForceFault fault);
 /// - saturation at the device's maximum;
 /// - growth of the force, in any direction, limited; decreases are free;
 /// - the force starts at zero and ramps in after the start, after every fault (a reconnect) and after reset();
-/// - a stale or unusable pose, or an unusable force, takes the force linearly to zero within drop_s;
+/// - a stale or unusable pose, a fault that was reported, or an unusable force, takes the force linearly to zero within
+/// drop_s;
 /// - a pose that moves faster than max_speed_m_s does the same and latches until reset().
 ///
 /// Times are seconds of any one clock of the caller, which the limiter never reads itself; a clock that jumps back
@@ -86,12 +74,16 @@ class ForceLimiter {
   /// one; otherwise speed is judged from the poses: at once beyond max_speed_m_s plus 5 mm (a late message is no jump),
   /// and as a mean over 20 ms.
   ForceFault check(double time_s, double pose_time_s, const Pose& pose, const std::optional<Vector3>& velocity_m_s);
+  /// Another fault that the caller found since the last check(); the pose's go first.
+  void report(ForceFault fault);
   /// The force to send, by the result of the last check().
   Output limit(double time_s, const Vector3& wish_n);
 
   bool tripped() const { return tripped_; }
   ForceFault fault() const { return fault_; }
-  /// Ends a trip and starts over with zero force and the ramp.
+  /// Starts over with zero force and the ramp; a trip stays.
+  void restart();
+  /// The same, and ends a trip.
   void reset();
 
  private:

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include "soft_volume/common/geometry.h"
 #include "soft_volume/tool/patch_contact.h"
@@ -16,14 +15,18 @@ namespace soft_volume::core {
 /// one ended, so a stroke has no gaps whatever its speed, and a blade that stands still cuts nothing. The stroke begins
 /// with the last pose before the tissue, so that the skin is cut too, and it ends, without a rest shorter than
 /// `min_move_m`, when the blade has been out of the tissue for 5 mm of its way, the button is let go or the device
-/// fails: an incision that gapes, or one that is crossed, does not break a stroke in two. One thread at a time.
+/// fails: an incision that gapes, or one that is crossed, does not break a stroke in two. No allocation; one thread at
+/// a time.
 class Scalpel {
  public:
   Scalpel(double blade_length_m, double min_move_m) : blade_length_m_(blade_length_m), min_move_m_(min_move_m) {}
 
-  /// Appends to `quads` what the edge swept since the last quad. Call for every pose while the cut button is held.
-  /// True when the blade has left the tissue, which ends a stroke that cut; the quads that cut came before.
-  bool cut(const PatchContact& field, const Pose& pose, std::vector<SweptQuad>& quads);
+  struct Sweep {
+    std::optional<SweptQuad> quad;  ///< what the edge swept since the last one
+    bool ended = false;             ///< the blade has left the tissue, which ends a stroke that cut
+  };
+  /// Call for every pose while the cut button is held.
+  Sweep cut(const PatchContact& field, const Pose& pose);
   /// Ends the stroke: the next cut() starts a new one. True when it had cut.
   bool lift();
   /// True while the edge of the last cut() was in tissue.

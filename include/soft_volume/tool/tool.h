@@ -11,10 +11,13 @@
 #include "soft_volume/common/named_choice.h"
 #include "soft_volume/grid/patch.h"
 #include "soft_volume/grid/topology.h"
+#include "soft_volume/tool/contact.h"
+#include "soft_volume/tool/coupling.h"
 #include "soft_volume/tool/cut_resistance.h"
 #include "soft_volume/tool/force_limiter.h"
-#include "soft_volume/tool/patch_contact.h"
-#include "soft_volume/tool/probe.h"
+#include "soft_volume/tool/grasp.h"
+#include "soft_volume/tool/patch_intake.h"
+#include "soft_volume/tool/proxy.h"
 #include "soft_volume/tool/scalpel.h"
 #include "soft_volume/tool/tool_command.h"
 #include "soft_volume/volume/volume.h"
@@ -61,26 +64,36 @@ struct ToolConfig {
   void validate() const;
 };
 
-/// What a driver reports. Call at the device's rate and, from a timer, also when nothing new came.
+/// What a driver reports. Call at the device's rate or faster, also when nothing new came.
 struct ToolInput {
-  double time_s = 0.0;       ///< now, on the caller's clock; finite
-  double pose_time_s = 0.0;  ///< when the newest pose was received (or stamped, if the clock is the same one)
-  Pose pose;                 ///< tip of the tool, volume frame; any values: unusable ones are a fault
+  double time_s = 0.0;        ///< now, on the caller's clock; finite
+  double pose_time_s = 0.0;   ///< when the newest pose was received (or stamped, if the clock is the same one)
+  double pose_delay_s = 0.0;  ///< from its measurement to pose_time_s, where that is known; finite, not negative
+  Pose pose;                  ///< tip of the tool, volume frame; any values: unusable ones are a fault
   std::optional<Vector3> velocity_m_s;  ///< of the tip, where the device measures it; estimated otherwise
   Buttons buttons;
+  bool forces_allowed = true;  ///< false: the device is not enabled or clutched, and force goes to zero as in a fault
 };
 
-/// What follows from one input; everything that the messages ToolForce, ToolCut, ToolState and servo_cf need.
+/// What follows from one input; everything that the messages ToolForce, ToolCut, ToolState and servo_cf need. Of a
+/// fixed size: copying it takes no memory. toCommand() makes full commands of `force` and `cut`.
 struct ToolOutput {
-  std::optional<ToolForceCommand> force;     ///< to the tissue; sent once with zero force when a contact ends
-  std::optional<ToolCutCommand> cut;         ///< to the tissue; also, without quads, once a stroke ends
+  std::optional<TissueForce> force;          ///< to the tissue; sent once with zero force when a contact ends
+  std::optional<TissueCut> cut;              ///< to the tissue; also, without a quad, once a stroke ends
   Vector3 device_force_n = Vector3::Zero();  ///< to the device; opposes the push
   Vector3 velocity_m_s = Vector3::Zero();    ///< of the tip, as used
   Contact contact;                           ///< none during a fault
+  TickHeader patch;                          ///< session, revision and step of the patch in use; zeros before one came
   bool cutting = false;                      ///< the blade is in tissue and the button is held
+  bool gripping = false;                     ///< the jaws hold tissue
+  Vector3 grip_point_m = Vector3::Zero();    ///< point of the tissue that they hold
   double coupling_stiffness_n_m = 0.0;       ///< rendered
+  StiffnessBound stiffness_bound = StiffnessBound::kWish;  ///< what it is bounded by
+  LoopTiming timing;                                       ///< that the coupling allows for
+  double patch_interval_s = 0.0;                           ///< usual one; 0 before two patches came
   ForceFault fault = ForceFault::kNone;
-  bool pose_stale = false;  ///< no usable pose: stale or not finite
+  bool pose_stale = false;   ///< no usable pose: stale or not finite
+  bool patch_stale = false;  ///< no patch from the simulation within the time limit
   bool saturated = false;
   bool slew_limited = false;
   bool tripped = false;
@@ -96,7 +109,8 @@ struct ToolOutput {
 /// simulation measures it and the device can render it. After a cut it presses again once its tip has been free: until
 /// then it stays in the incision that it made.
 ///
-/// Not thread safe: the caller serialises all calls. update() allocates for commands only (the id, the quads).
+/// One call of update() is one tick of the haptic loop: it takes no memory and no lock. So do takePatch() and reset();
+/// the other functions take time and memory. Not thread safe: the caller serialises all calls.
 class Tool {
  public:
   /// Throws SceneError when the configuration is not valid. Sequence numbers start at `first_sequence`; give a larger
@@ -113,15 +127,19 @@ class Tool {
   /// fit the newest topology, or came before volume and topology.
   void setPatch(const GridPatch& patch);
 
+  /// Instead of the three above, for a loop that must not wait: takes a patch that a PatchIntake made ready, and gives
+  /// back the one before (null at first). One of another session forgets the old session's contact.
+  std::unique_ptr<ReadyPatch> takePatch(std::unique_ptr<ReadyPatch> patch);
+
   ToolOutput update(const ToolInput& input);
 
   /// Ends a trip, a contact and a stroke; forces start at zero again. Returns the end of the stroke where one was under
   /// way, to be sent to the tissue.
-  std::optional<ToolCutCommand> reset();
+  std::optional<TissueCut> reset();
   /// Session, revision and step of the patch in use; zeros before one came.
-  const ToolCommandHeader& patchHeader() const { return header_; }
+  const TickHeader& patchHeader() const { return header_; }
   /// Deformed cells in use; null before a volume came.
-  const PatchContact* field() const { return field_ ? &*field_ : nullptr; }
+  const PatchContact* field() const { return patch_ ? &patch_->field : nullptr; }
 
  private:
   struct CutPose {
@@ -129,24 +147,33 @@ class Tool {
     double time_s;
   };
 
-  void forgetPatch();
+  void forgetSession();
+  void forgetContact();
+  void watchTime(const ToolInput& input);
   void estimateVelocity(const ToolInput& input);
   Vector3 wishedForce(const ToolInput& input, ToolOutput& output);
   Vector3 cut(const ToolInput& input, ToolOutput& output);
   Vector3 cuttingForce(const Vector3& position_m, double time_s);
-  std::optional<ToolCutCommand> lift();
+  std::optional<TissueCut> lift();
+  bool grip(const ToolInput& input, ToolOutput& output, Vector3& wish_n);
   void press(const ToolInput& input, Vector3& wish_n);
   void commandForce(ToolOutput& output);
-  ToolCommandHeader nextHeader(std::uint64_t& sequence) const;
+  void report(ToolOutput& output) const;
+  TickHeader nextHeader(std::uint64_t& sequence) const;
 
   ToolConfig config_;
-  double stiffness_n_m_;
-  std::optional<PatchContact> field_;
-  std::shared_ptr<const Topology> topology_;
-  ToolCommandHeader header_;
-  Probe probe_;
+  PatchIntake intake_;                 // of setVolume(), setTopology() and setPatch()
+  std::unique_ptr<ReadyPatch> spare_;  // that setPatch() fills next
+  std::unique_ptr<ReadyPatch> patch_;  // in use
+  bool patch_is_new_ = false;          // since the last tick
+  PatchWatch patches_;
+  TickHeader header_;
+  Proxy proxy_;
+  Grasp grasp_;
   Scalpel scalpel_;
   CutResistance resistance_;
+  LoopMeter meter_;
+  Coupling coupling_;
   ForceLimiter limiter_;
 
   std::uint64_t force_sequence_;
@@ -156,7 +183,6 @@ class Tool {
   std::optional<std::uint32_t> push_cell_;  // the topology's number of the cell that is pressed
   bool pushing_ = false;                    // the tissue's last command was not zero
   bool in_incision_ = false;
-  double blade_resistance_n_ = 0.0;  // of the newest patch
   std::optional<CutPose> cut_pose_;  // of the newest update that cut
   bool has_pose_ = false;
   double pose_time_s_ = 0.0;

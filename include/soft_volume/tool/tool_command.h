@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -49,5 +50,34 @@ struct ToolGripCommand {
   double radius_m = 0.0;
   Pose pose;  ///< of the jaws; what they hold follows its change since they closed
 };
+
+/// What a tool's tick says of the state that it worked on, without the tool's name.
+struct TickHeader {
+  std::uint64_t session = 0;
+  std::uint32_t revision = 0;
+  std::uint64_t step = 0;  ///< of the patch
+  std::uint64_t sequence = 0;
+};
+
+/// A ToolForceCommand as a tick gives it: of a fixed size, because a tick takes no memory.
+struct TissueForce {
+  TickHeader header;
+  std::uint32_t hold_steps = 0;
+  Vector3 force_n = Vector3::Zero();
+  Vector3 point_m = Vector3::Zero();
+  double footprint_radius_m = 0.0;
+  std::optional<std::uint32_t> cell;  ///< that is pressed
+};
+
+/// A ToolCutCommand as a tick gives it: at most one quad.
+struct TissueCut {
+  TickHeader header;
+  std::optional<SweptQuad> quad;
+  bool lifted = false;
+};
+
+/// The commands in full, for the tool of that name.
+ToolForceCommand toCommand(const std::string& tool_id, const TissueForce& force);
+ToolCutCommand toCommand(const std::string& tool_id, const TissueCut& cut);
 
 }  // namespace soft_volume::core
