@@ -49,8 +49,8 @@ TEST(ValidateProgram, HelpTeaches) {
 TEST(ValidateProgram, ListsEverySuite) {
   const Result list = run(program() + "--list");
   EXPECT_EQ(list.code, 0);
-  for (const char* suite :
-       {"patch", "cantilever", "half_space", "indentation", "truth_cube", "free_vibration", "extremes", "cutting"})
+  for (const char* suite : {"patch", "cantilever", "half_space", "indentation", "truth_cube", "free_vibration",
+                            "extremes", "cutting", "haptics"})
     EXPECT_NE(list.output.find(std::string(suite) + ":"), std::string::npos) << suite;
 }
 
@@ -131,7 +131,7 @@ TEST(ValidateProgram, QuickFormOfAllSuitesPasses) {
     EXPECT_TRUE(row["pass"] || row.contains("goal")) << row;
     suites.insert(row["suite"]);
   }
-  EXPECT_EQ(suites.size() + report["skipped"].size(), 8U);
+  EXPECT_EQ(suites.size() + report["skipped"].size(), 9U);
 }
 
 }  // namespace

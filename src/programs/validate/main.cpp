@@ -25,7 +25,7 @@ constexpr int kAllPass = 0;
 constexpr int kSomeFail = 1;
 constexpr int kImpossible = 2;
 
-const std::array<Suite, 8> kSuites{{
+const std::array<Suite, 9> kSuites{{
     {"patch", "affine deformations: E, nu and G exact for any spacing and nu; rigid motion costs no force", patchCases},
     {"cantilever", "8:1 beams, 1 to 8 cells across: Timoshenko's deflection, and the elastica for large ones",
      cantileverCases},
@@ -39,6 +39,8 @@ const std::array<Suite, 8> kSuites{{
     {"cutting",
      "random incisions, lips, halves of a bar, steps and cost; beside embedded pieces completely connected ones",
      cuttingCases},
+    {"haptics", "virtual devices, hands, dampings, delays, jitters, rates and tissues in closed loops; then sabotage",
+     hapticsCases},
 }};
 
 struct Arguments {
@@ -174,6 +176,8 @@ int main(int argc, char** argv) {
   app.add_option("--case", arguments.part, "run only the cases with this in their name");
   app.add_flag("--list", arguments.list, "list the suites, what they check, and their cases");
   app.add_flag("--quick", arguments.options.quick, "short forms of the cases");
+  app.add_flag("--full", arguments.options.full, "every combination in the suite haptics, for hours")
+      ->excludes("--quick");
   app.add_option("--json", arguments.json, "write all rows into this file");
   app.add_option("--plots", arguments.options.plots, "write plots (PNG, needs gnuplot) into this folder");
   app.add_option("--threads", arguments.options.threads,

@@ -63,6 +63,7 @@ class Report {
 /// What the user asked for.
 struct Options {
   bool quick = false;
+  bool full = false;  ///< every combination, where a suite has more than it runs by default
   int threads = 1;
   std::filesystem::path plots;  ///< empty: none
 
@@ -91,5 +92,6 @@ std::vector<Case> truthCubeCases(const Options& options);
 std::vector<Case> freeVibrationCases(const Options& options);
 std::vector<Case> extremesCases(const Options& options);
 std::vector<Case> cuttingCases(const Options& options);
+std::vector<Case> hapticsCases(const Options& options);
 
 }  // namespace soft_volume::core::validate
