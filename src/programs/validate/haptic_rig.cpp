@@ -31,7 +31,8 @@ std::string number(double value) {
 }
 
 /// Materials are those of the shipped scenes: fat and muscle of the CT head, its prestretch, its bone.
-std::string sceneText(TissueKind tissue, bool cuts) {
+std::string sceneText(const HapticSetup& setup) {
+  const TissueKind tissue = setup.tissue;
   const bool prestressed = tissue == TissueKind::kPrestressed;
   const std::string sides = R"(
     - min: [-1, -1, -1]
@@ -50,10 +51,11 @@ materials:
     intensity: [50, 200]
     density_kg_m3: 1050
     poisson_ratio: 0.45
-    damping_ratio: 0.5
-    youngs_modulus_pa: )" +
-         number(tissue == TissueKind::kFat ? 3250 : 10700) + "\n    prestretch: " + number(prestressed ? 1.15 : 1.0) +
-         "\n    cut_resistance_j_m2: " + number(cuts ? 76 : 0) + R"(
+    damping_ratio: )" +
+         number(setup.tissue_damping_ratio) +
+         "\n    youngs_modulus_pa: " + number(tissue == TissueKind::kFat ? 3250 : 10700) +
+         "\n    prestretch: " + number(prestressed ? 1.15 : 1.0) +
+         "\n    cut_resistance_j_m2: " + number(setup.cuts ? 76 : 0) + R"(
     colour: [0.9, 0.6, 0.5]
     opacity: 0.5
   - name: bone
@@ -216,7 +218,8 @@ ToolConfig toolOf(const HapticSetup& setup) {
   config.tissue_threshold = 0.5 * kSoft;
   config.tip_radius_m = setup.cuts ? 0.001 : kTipRadius_m;
   config.device = deviceLimits(setup.device);
-  config.coupling.stiffness_n_m = config.device.max_stiffness_n_m;  // passivity alone decides
+  // Without a wish, passivity alone decides.
+  config.coupling.stiffness_n_m = setup.wish_n_m > 0.0 ? setup.wish_n_m : config.device.max_stiffness_n_m;
   config.coupling.device_damping_n_s_m = setup.damping_n_s_m;
   config.coupling.sample_period_s = 1.0 / setup.rate_hz;
   config.coupling.delay_s = setup.delay_samples / setup.rate_hz;
@@ -301,7 +304,7 @@ HapticRig::HapticRig(const HapticSetup& setup)
 
 void HapticRig::makeSession() {
   const std::uint64_t id = session_ ? session_->id() + 1 : kSession;
-  const Scene scene = parseScene(sceneText(setup_.tissue, setup_.cuts), "haptic block", "/");
+  const Scene scene = parseScene(sceneText(setup_), "haptic block", "/");
   session_ = std::make_unique<Session>(scene, blockVolume(setup_.tissue), nullptr, id, 1);
   next_step_s_ = now_s_ + session_->timeStep();
   next_patch_s_ = now_s_;
@@ -383,9 +386,9 @@ void HapticRig::tick() {
     force.arrives_s = std::max(force.arrives_s, forces_under_way_.back().arrives_s);
   forces_under_way_.push_back(force);
   if (simulationRuns()) {
-    if (output.force && !session_->apply(*output.force).applied)
+    if (output.force && !session_->apply(toCommand(tool_.config().id, *output.force)).applied)
       ++result_.refused;
-    if (output.cut && !session_->apply(*output.cut).applied)
+    if (output.cut && !session_->apply(toCommand(tool_.config().id, *output.cut)).applied)
       ++result_.refused;
   }
   judgeTick(output);
@@ -453,9 +456,11 @@ void HapticRig::account() {
   result_.put_in_j = motor.out_of_device_j;
   result_.put_out_j = motor.into_device_j;
   result_.hand_put_in_j = hand.into_device_j;
-  result_.surplus_j = std::max(result_.surplus_j, motor.into_device_j - motor.out_of_device_j - result_.released_j);
-  result_.hand_surplus_j =
-      std::max(result_.hand_surplus_j, hand.out_of_device_j - hand.into_device_j - result_.released_j);
+  const double motor_j = motor.into_device_j - motor.out_of_device_j;
+  const double hand_j = hand.into_device_j - hand.out_of_device_j;
+  result_.port_surplus_j = std::max(result_.port_surplus_j, motor_j - result_.released_j);
+  result_.surplus_j = std::max(result_.surplus_j, motor_j - hand_j - result_.released_j);
+  result_.hand_surplus_j = std::max(result_.hand_surplus_j, -hand_j - result_.released_j);
 }
 
 void HapticRig::finish() {

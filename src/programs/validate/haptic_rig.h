@@ -44,7 +44,9 @@ struct HapticSetup {
   double jitter_s = 1e-4;      ///< every sample, tick and force is late by up to this
   double rate_hz = 1000.0;     ///< of the tool's loop
   double patch_rate_hz = 250.0;
-  bool cuts = false;  ///< with a scalpel, through prestressed tissue
+  double wish_n_m = 0.0;              ///< stiffness of the coupling that is asked for; 0: the device's largest
+  double tissue_damping_ratio = 0.5;  ///< that of the shipped scenes by default
+  bool cuts = false;                  ///< with a scalpel, through prestressed tissue
   Sabotage sabotage = Sabotage::kNone;
   double sabotage_s = 0.9;
 
@@ -69,9 +71,10 @@ struct HapticResult {
   double oscillation = 0.0;     ///< largest swing about the trend while it is held or slid, of the mean force
   double put_in_j = 0.0;        ///< into the virtual tissue, through the motors
   double put_out_j = 0.0;       ///< of it, in all
-  double surplus_j = 0.0;       ///< most that it had put out, less what was put in and what the tissue released
-  double hand_put_in_j = 0.0;   ///< by the hand, into the device
-  double hand_surplus_j = 0.0;  ///< most that the hand had got out, less what it put in and what the tissue released
+  double port_surplus_j = 0.0;  ///< most that it had put out, less what was put in and what the tissue released
+  double hand_put_in_j = 0.0;   ///< by the hand, into the device, in all
+  double surplus_j = 0.0;       ///< most that the motors had put out net, less what the hand put in net and `released`
+  double hand_surplus_j = 0.0;  ///< most that the hand had got out net, less `released`
   double released_j = 0.0;      ///< by the tissue, of its own energy
   double stiffness_n_m = 0.0;   ///< of the coupling, at the end of the hold
   int trips = 0;                ///< ticks that began a fault

@@ -114,12 +114,19 @@ std::vector<HapticSetup> variants(const std::string& device, Hand hand, const Op
   return setups;
 }
 
+/// Of what the hand put in.
 double surplusShare(const HapticResult& result) {
-  return result.surplus_j / std::max(result.put_in_j, kLeastWork_j);
+  return result.surplus_j / std::max(result.hand_put_in_j, kLeastWork_j);
 }
 
 double handSurplusShare(const HapticResult& result) {
   return result.hand_surplus_j / std::max(result.hand_put_in_j, kLeastWork_j);
+}
+
+/// Of what went in through the motors. A held force leaks energy that the device's own damping is there to take, so
+/// this one may be above 0 in a loop that is passive for the hand.
+double portSurplusShare(const HapticResult& result) {
+  return result.port_surplus_j / std::max(result.put_in_j, kLeastWork_j);
 }
 
 /// The run where a number is largest.
@@ -129,18 +136,12 @@ const Run& worst(const std::vector<Run>& runs, const Number& number) {
                            [&](const Run& a, const Run& b) { return number(a.result) < number(b.result); });
 }
 
-enum class Bound { kMust, kGoal };
-
 template <typename Number>
-void worstRow(const std::string& name, const std::vector<Run>& runs, const Number& number, double bound, Report& report,
-              Bound kind = Bound::kMust) {
+void worstRow(const std::string& name, const std::vector<Run>& runs, const Number& number, double bound,
+              Report& report) {
   const Run& run = worst(runs, number);
   const double value = number(run.result);
-  const std::string text = name + (value > bound ? " (" + run.setup.text() + ")" : "");
-  if (kind == Bound::kMust)
-    report.atMost(text, value, bound);
-  else
-    report.goalAtMost(text, value, bound);
+  report.atMost(name + (value > bound ? " (" + run.setup.text() + ")" : ""), value, bound);
 }
 
 void writeTable(const std::vector<Run>& runs, const Options& options) {
@@ -150,16 +151,17 @@ void writeTable(const std::vector<Run>& runs, const Options& options) {
   const bool fresh = !std::filesystem::exists(path);
   std::ofstream file(path, std::ios::app);
   if (fresh) {
-    file << "row;peak N;mean N;K N/m;oscillation;put in J;put out J;released J;surplus J;hand put in J;hand surplus J;"
+    file << "row;peak N;mean N;K N/m;oscillation;put in J;put out J;released J;port surplus J;hand put in J;surplus "
+            "J;hand surplus J;"
             "trips;refused;over limit N;growth N/ms;zero after s;force again N\n";
   }
   for (const Run& run : runs) {
     const HapticResult& r = run.result;
     file << run.setup.text() << (run.setup.sabotage == Sabotage::kNone ? "" : ", " + nameOf(run.setup.sabotage)) << ";"
          << r.peak_force_n << ";" << r.mean_force_n << ";" << r.stiffness_n_m << ";" << r.oscillation << ";"
-         << r.put_in_j << ";" << r.put_out_j << ";" << r.released_j << ";" << r.surplus_j << ";" << r.hand_put_in_j
-         << ";" << r.hand_surplus_j << ";" << r.trips << ";" << r.refused << ";" << r.over_limit_n << ";"
-         << r.growth_n_ms << ";" << r.zero_after_s << ";" << r.force_again_n << "\n";
+         << r.put_in_j << ";" << r.put_out_j << ";" << r.released_j << ";" << r.port_surplus_j << ";" << r.hand_put_in_j
+         << ";" << r.surplus_j << ";" << r.hand_surplus_j << ";" << r.trips << ";" << r.refused << ";" << r.over_limit_n
+         << ";" << r.growth_n_ms << ";" << r.zero_after_s << ";" << r.force_again_n << "\n";
   }
   if (!file)
     throw FileError(path.string() + ": the table cannot be written");
@@ -174,12 +176,19 @@ void limitsRows(const std::string& name, const std::vector<Run>& runs, Report& r
       kMostGrowth_n_ms * (1.0 + 1e-6), report);
 }
 
+void energyRows(const std::string& name, const std::vector<Run>& runs, Report& report) {
+  worstRow(name + "energy put out beyond what the hand put in and the tissue released", runs, surplusShare,
+           kMostSurplus, report);
+  worstRow(name + "energy that the hand got beyond what it put in and the tissue released", runs, handSurplusShare,
+           kMostSurplus, report);
+  const double port = portSurplusShare(worst(runs, portSurplusShare).result);
+  report.row(name + "energy put out beyond what came in through the motors", port, 0.0, port);
+}
+
 void normalRows(const std::string& name, bool steady, const std::vector<Run>& runs, Report& report) {
   const Run& strongest = worst(runs, [](const HapticResult& r) { return r.peak_force_n; });
   report.row(name + "largest force, N", strongest.result.peak_force_n, 0.0, strongest.result.peak_force_n);
-  worstRow(name + "energy put out beyond what was put in or released", runs, surplusShare, kMostSurplus, report,
-           Bound::kGoal);
-  worstRow(name + "energy that the hand got beyond that", runs, handSurplusShare, kMostSurplus, report);
+  energyRows(name, runs, report);
   if (steady)
     worstRow(
         name + "oscillation, of the mean force", runs, [](const HapticResult& r) { return r.oscillation; },
@@ -229,6 +238,19 @@ bool takesForceToZero(Sabotage sabotage) {
   return sabotage != Sabotage::kTenfoldJitter && sabotage != Sabotage::kSlowLoop;
 }
 
+/// A simulation that sends rarely can only be missed later: after three intervals.
+void zeroRows(const std::string& name, Sabotage sabotage, const std::vector<Run>& runs, Report& report) {
+  const bool killed = sabotage == Sabotage::kSimulationKilled || sabotage == Sabotage::kSimulationRestarts;
+  const auto zeroAfter = [](const HapticResult& r) { return r.zero_after_s; };
+  std::vector<Run> prompt;
+  std::vector<Run> rare;
+  for (const Run& run : runs)
+    (killed && run.setup.patch_rate_hz < kPatchRates[0] ? rare : prompt).push_back(run);
+  worstRow(name + "time until the force is zero, s", prompt, zeroAfter, kZeroWithin_s, report);
+  if (!rare.empty())
+    worstRow(name + "the same with patches at 30 Hz, s", rare, zeroAfter, 3.0 / kPatchRates[1] + kZeroWithin_s, report);
+}
+
 void sabotaged(Sabotage sabotage, const Options& options, Report& report) {
   std::vector<Run> runs;
   for (const char* device : kDevices) {
@@ -250,18 +272,13 @@ void sabotaged(Sabotage sabotage, const Options& options, Report& report) {
   writeTable(runs, options);
   const std::string name = nameOf(sabotage) + ": ";
   limitsRows(name, runs, report);
-  if (takesForceToZero(sabotage)) {
-    worstRow(
-        name + "time until the force is zero, s", runs, [](const HapticResult& r) { return r.zero_after_s; },
-        kZeroWithin_s, report, Bound::kGoal);
-  } else {
-    worstRow(name + "energy put out beyond what was put in or released", runs, surplusShare, kMostSurplus, report,
-             Bound::kGoal);
-    worstRow(name + "energy that the hand got beyond that", runs, handSurplusShare, kMostSurplus, report);
-  }
-  if (takesForceToZero(sabotage) && sabotage != Sabotage::kSimulationRestarts)
-    worstRow(
-        name + "force after that, N", runs, [](const HapticResult& r) { return r.force_again_n; }, 0.0, report);
+  if (takesForceToZero(sabotage))
+    zeroRows(name, sabotage, runs, report);
+  else
+    energyRows(name, runs, report);
+  if (sabotage == Sabotage::kSimulationRestarts)
+    report.positive(name + "force after the restart, N",
+                    worst(runs, [](const HapticResult& r) { return -r.force_again_n; }).result.force_again_n);
 }
 
 }  // namespace
@@ -270,7 +287,7 @@ std::vector<Case> hapticsCases(const Options& options) {
   std::vector<Case> cases;
   const double seconds = options.quick ? 1.0 : options.full ? 350.0 : 16.0;
   for (const char* device : kDevices) {
-    if (options.quick && std::string(device) != "touch" && std::string(device) != "omega_7")
+    if (options.quick && std::string(device) != "touch")
       continue;
     cases.push_back(
         {std::string("device ") + device, seconds, [=](Report& report) { normalUse(device, options, report); }});
