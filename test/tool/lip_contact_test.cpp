@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "soft_volume/tool/contact_tracker.h"
+#include "soft_volume/tool/proxy.h"
 #include "soft_volume/tool/tool.h"
 #include "tissue_in_pieces.h"
 
@@ -50,7 +50,7 @@ class LipContactTest : public testing::Test {
   Contact move(const Vector3& from, const Vector3& to) {
     const int steps = std::max(1, int(std::ceil((to - from).norm() / 0.0001)));
     for (int n = 1; n <= steps; ++n)
-      contact_ = tracker_.query(field_, from + double(n) / steps * (to - from), kRadius);
+      contact_ = tracker_.update(field_, from + double(n) / steps * (to - from), kRadius, 0.0);
     return contact_;
   }
   /// -1 or 1: the lip that the contact is on.
@@ -61,7 +61,7 @@ class LipContactTest : public testing::Test {
 
   TissueInPieces tissue_{{7, 6, 6}, depthBelowSkin};
   PatchContact field_{tissue_.volume, 0.0};
-  ContactTracker tracker_;
+  Proxy tracker_;
   Contact contact_;
   double bottom_m_ = 0.0;
 };
@@ -96,7 +96,7 @@ TEST_F(LipContactTest, StaysOnItsLipHoweverNearTheOtherComes) {
     ASSERT_TRUE(contact_.touching);
     for (double gap = 0.010; gap > -0.0002; gap -= 0.00005) {  // in the end the lips lie in each other by 0.2 mm
       openTo(gap);
-      contact_ = tracker_.query(field_, tip, kRadius);
+      contact_ = tracker_.update(field_, tip, kRadius, 0.0);
       ASSERT_TRUE(contact_.touching) << gap;
       ASSERT_NEAR(contact_.penetration_m, 0.003 + kRadius - 0.5 * gap, 2e-6) << gap;
       ASSERT_LT(angle(contact_.normal, -side * Vector3::UnitX()), 0.5 * kDegree) << gap;
@@ -148,7 +148,7 @@ TEST_F(LipContactTest, ASphereRestsOnTheRimsOfANarrowOpening) {
         const Vector3 tip(kPlane + x, y + across * x, kSkin + kRadius - depth);
         if (x < -0.0059)
           move(tip + Vector3(0.0, 0.0, 0.004), tip);
-        contact_ = tracker_.query(field_, tip, kRadius);
+        contact_ = tracker_.update(field_, tip, kRadius, 0.0);
         ASSERT_TRUE(contact_.touching) << gap << " " << x;
         ASSERT_LT(contact_.penetration_m, depth + 2e-6);
         ASSERT_LT(angle(contact_.normal, Vector3::UnitZ()), 5.0 * kDegree) << gap << " " << x;
@@ -173,11 +173,11 @@ TEST_F(LipContactTest, ClosedLipsFeelLikeUncutSkin) {
   const TissueInPieces uncut({7, 6, 6}, depthBelowSkin);
   const PatchContact whole = uncut.contact();
   field_.update(tissue_.topology, tissue_.patch);
-  ContactTracker tracker;
+  Proxy tracker;
   for (int n = 0; n < 400; ++n) {
     const Vector3 tip(kPlane - 0.006 + 0.00003 * n, kMiddle, kSkin + kRadius + 0.004 - 0.00002 * n);
-    const Contact a = tracker_.query(field_, tip, kRadius);
-    const Contact b = tracker.query(whole, tip, kRadius);
+    const Contact a = tracker_.update(field_, tip, kRadius, 0.0);
+    const Contact b = tracker.update(whole, tip, kRadius, 0.0);
     ASSERT_EQ(a.touching, b.touching);
     EXPECT_NEAR(a.penetration_m, b.penetration_m, 1e-6);
     EXPECT_LT((a.normal - b.normal).norm(), 1e-3);
@@ -191,7 +191,7 @@ TEST_F(LipContactTest, AWedgeIsFeltWithoutJumps) {
   double before = 0.0;
   double deepest = 0.0;
   for (int n = 0; n <= 1500; ++n) {
-    contact_ = tracker_.query(field_, from - Vector3(0.0, 0.0, 0.00001 * n), kRadius);
+    contact_ = tracker_.update(field_, from - Vector3(0.0, 0.0, 0.00001 * n), kRadius, 0.0);
     const double now = contact_.touching ? contact_.penetration_m : 0.0;
     ASSERT_LT(std::abs(now - before), 0.3 * kRadius) << n;
     before = now;
@@ -212,7 +212,7 @@ TEST_F(LipContactTest, AContactOutlivesCutsElsewhere) {
   tissue_.cut({{Vector3(kPlane + 0.004, y, -kH), Vector3(kPlane + 0.004, y, 7.0 * kH), Vector3(8.0 * kH, y, 7.0 * kH),
                 Vector3(8.0 * kH, y, -kH)}});
   field_.update(tissue_.topology, tissue_.patch);
-  contact_ = tracker_.query(field_, pressing, kRadius);
+  contact_ = tracker_.update(field_, pressing, kRadius, 0.0);
   ASSERT_TRUE(contact_.touching);
   EXPECT_NEAR(contact_.penetration_m, before.penetration_m, 1e-6);
   EXPECT_LT(angle(contact_.normal, before.normal), 3.0 * kDegree);

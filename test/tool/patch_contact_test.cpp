@@ -10,7 +10,7 @@
 #include <random>
 
 #include "soft_volume/common/error.h"
-#include "soft_volume/tool/contact_tracker.h"
+#include "soft_volume/tool/proxy.h"
 #include "tissue_fixture.h"
 #include "tissue_in_pieces.h"
 
@@ -181,17 +181,17 @@ TEST(PatchContactTest, QueriesAllocateNothingAndAreQuick) {
   Tissue tissue = makeFlatHalfSpace();
   tissue.deform(bend);
   PatchContact contact = contactOf(tissue);
-  ContactTracker tracker;
+  Proxy tracker;
   const int count = 20000;
   double deepest = 0.0;
   const Vector3 top = bend({0.030, 0.030, kSurfaceZ});
-  tracker.query(contact, top + Vector3(0, 0, 0.01), 0.004);
+  tracker.update(contact, top + Vector3(0, 0, 0.01), 0.004, 0.0);
   const std::size_t before = allocations;
   const auto start = std::chrono::steady_clock::now();
   for (int n = 0; n < count; ++n) {
     const double phase = 2.0 * M_PI * n / 2000.0;
     const Vector3 tip = top + Vector3(0.01 * std::sin(0.7 * phase), 0.01 * std::cos(phase), -0.01 * std::sin(phase));
-    deepest = std::max(deepest, tracker.query(contact, tip, 0.004).penetration_m);
+    deepest = std::max(deepest, tracker.update(contact, tip, 0.004, 0.0).penetration_m);
   }
   const std::chrono::duration<double, std::micro> spent = std::chrono::steady_clock::now() - start;
   EXPECT_EQ(allocations, before);
@@ -212,7 +212,7 @@ TEST(PatchContactTest, QueriesBetweenLipsAllocateNothingAndAreQuick) {
   tissue.part(x,
               [](const Vector3& p, int side) { return Vector3(0.2 * warp(p) + 0.1 * kH * side * Vector3::UnitX()); });
   PatchContact contact = tissue.contact();
-  ContactTracker tracker;
+  Proxy tracker;
   const int count = 4000;
   int touches = 0;
   const std::size_t before = allocations;
@@ -220,11 +220,11 @@ TEST(PatchContactTest, QueriesBetweenLipsAllocateNothingAndAreQuick) {
   for (int n = 0; n < count; ++n) {
     const double phase = 2.0 * M_PI * n / 1000.0;
     const Vector3 wave(std::sin(0.7 * phase), std::cos(phase), std::sin(1.3 * phase));
-    touches +=
-        tracker.query(contact, contact.bounds().center() + 0.4 * contact.bounds().sizes().cwiseProduct(wave), 0.004)
-                .touching
-            ? 1
-            : 0;
+    touches += tracker.update(contact, contact.bounds().center() + 0.4 * contact.bounds().sizes().cwiseProduct(wave),
+                              0.004, 0.0)
+                       .touching
+                   ? 1
+                   : 0;
   }
   const std::chrono::duration<double, std::micro> spent = std::chrono::steady_clock::now() - start;
   EXPECT_EQ(allocations, before);

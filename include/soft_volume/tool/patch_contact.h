@@ -70,6 +70,7 @@ class PatchContact {
   void advance(double dt_s);
 
   bool empty() const { return cells_.empty(); }
+  double threshold() const { return tissue_threshold_; }
   std::size_t cellCount() const { return cells_.size(); }
   /// Whether a face of the patch's cells, or of one of them, was opened by an incision.
   bool hasCuts() const { return has_cuts_; }
