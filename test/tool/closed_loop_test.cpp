@@ -47,6 +47,8 @@ struct TissueModel {
 struct Loop {
   Loop(const VirtualDeviceConfig& device_config, const ToolConfig& tool_config, const TissueModel& tissue_model)
       : device(device_config), tool(tool_config), model(tissue_model) {
+    if (model.stiffness_n_m == 0.0)
+      tissue.patch.stiffness_pa.assign(tissue.patch.cell_ids.size(), 1e9F);
     tool.setVolume(tissue.volume);
     tool.setTopology(std::make_shared<const Topology>(tissue.topology));
     tool.setPatch(tissue.patch);
@@ -164,11 +166,23 @@ TEST(ClosedLoopTest, StiffnessWithinTheBoundIsStableEvenWithALooseHand) {
   EXPECT_GT(loop.output.device_force_n.z(), 0.3);
 }
 
-// The control of the test above: a stiffness beyond the passive one (by a wrong claim about the device) swings.
+// A wrong claim about the device makes a stiffness beyond the passive one; the passivity controller holds it.
+TEST(ClosedLoopTest, ThePassivityControllerHoldsAStiffnessBeyondTheBound) {
+  ToolConfig config = probe();
+  config.coupling.stiffness_n_m = 300.0;
+  config.coupling.device_damping_n_s_m = 5.0;
+  Loop loop(looseHand(), config, {});
+  EXPECT_LT(loop.swing(8.0, 0.5), 2e-2);
+  EXPECT_EQ(loop.output.coupling_stiffness_n_m, 300.0);
+  EXPECT_FALSE(loop.output.tripped);
+}
+
+// The control of the two tests above: the same stiffness on a device that may render no damping swings.
 TEST(ClosedLoopTest, StiffnessBeyondTheBoundSwings) {
   ToolConfig config = probe();
   config.coupling.stiffness_n_m = 300.0;
   config.coupling.device_damping_n_s_m = 5.0;
+  config.device.max_damping_n_s_m = 0.0;
   Loop loop(looseHand(), config, {});
   EXPECT_GT(loop.swing(2.0, 0.5), 0.5);
   loop.swing(2.0, 0.5);

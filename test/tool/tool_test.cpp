@@ -108,6 +108,9 @@ TEST_F(ToolTest, PushIsOpposedAndGivenToTheTissue) {
   start(probeConfig());
   EXPECT_EQ(commands_, 0);
   moveTo(kDeep);
+  // While it moves the passivity controller brakes: at 0.1 m/s by no more than the coupling's delay makes of energy.
+  EXPECT_NEAR(output_.device_force_n.z(), output_.coupling_stiffness_n_m * (0.008 + 0.00015), 1e-3);
+  hold(0.02);
   const double wanted = output_.coupling_stiffness_n_m * (0.004 + 0.004);
   EXPECT_NEAR(output_.coupling_stiffness_n_m, 66.667, 1e-3);
   EXPECT_NEAR((output_.device_force_n - wanted * Vector3::UnitZ()).norm(), 0.0, 1e-3);
@@ -123,14 +126,14 @@ TEST_F(ToolTest, PushIsOpposedAndGivenToTheTissue) {
 TEST_F(ToolTest, TissueIsLetGoWithOneZeroForce) {
   start(probeConfig());
   moveTo(kDeep);
-  while (input_.pose.position_m.z() < kAbove.z() && output_.device_force_n.norm() > 0.0) {
+  int zeros = 0;
+  while (input_.pose.position_m.z() < kAbove.z()) {
     input_.pose.position_m.z() += 0.0002;
     cycle();
+    zeros += output_.force && output_.force->force_n.norm() == 0.0 ? 1 : 0;
   }
-  ASSERT_TRUE(output_.force);
-  EXPECT_EQ(output_.force->force_n.norm(), 0.0);
+  EXPECT_EQ(zeros, 1);
   EXPECT_FALSE(output_.contact.touching);
-  cycle();
   EXPECT_FALSE(output_.force);
 }
 
@@ -149,12 +152,13 @@ TEST_F(ToolTest, DeadDeviceLetsGoOfTheTissueToo) {
 TEST_F(ToolTest, PatchesThatStopTakeTheForceToZeroAndItRampsInWhenTheyComeAgain) {
   start(probeConfig());
   moveTo(kDeep);
+  hold(0.1);
   const double before = output_.device_force_n.norm();
   ASSERT_GT(before, 0.5);
   EXPECT_NEAR(output_.patch_interval_s, kCyclesPerPatch * kCycle, 1e-9);
   simulated_ = false;
   hold(0.02);  // less than three intervals
-  EXPECT_EQ(output_.device_force_n.norm(), before);
+  EXPECT_NEAR(output_.device_force_n.norm(), before, 1e-6);
   hold(0.036);
   EXPECT_EQ(output_.fault, ForceFault::kStalePatch);
   EXPECT_TRUE(output_.patch_stale);
@@ -304,16 +308,21 @@ TEST_F(ToolTest, DampingCountsAgainstTheTissuesOwnMotion) {
   start(config);
   moveTo(kDeep);
   hold(0.1);
-  const double at_rest = output_.device_force_n.z();
-  tissue_.deform(identity, [](const Vector3&) { return Vector3(0.0, 0.0, -0.2); });
-  tool_->setPatch(tissue_.patch);
-  cycle();
-  EXPECT_NEAR(output_.device_force_n.z() - at_rest, -0.1 * 0.2, 1e-6);
+  EXPECT_NEAR(output_.device_force_n.z(), output_.coupling_stiffness_n_m * 0.008, 1e-6);
+  for (int patch = 1; patch <= 5; ++patch) {  // the tissue goes away at 0.1 m/s
+    tissue_.deform([=](const Vector3& p) { return Vector3(p - 0.001 * patch * Vector3::UnitZ()); });
+    hold(kCyclesPerPatch * kCycle);
+  }
+  const double damping = 0.1 + output_.passivity_damping_n_s_m;
+  EXPECT_LT(output_.contact.penetration_m, 0.005);
+  EXPECT_NEAR(output_.device_force_n.z() - output_.coupling_stiffness_n_m * output_.contact.penetration_m,
+              -damping * 0.1, 1e-4);
 }
 
 TEST_F(ToolTest, ScalpelPressesUntilItCutsAndAgainOnceItHasBeenFree) {
   start(scalpelConfig());
   moveTo(kDeep);
+  hold(0.02);
   EXPECT_NEAR(output_.device_force_n.z(), output_.coupling_stiffness_n_m * 0.005, 1e-3);
   EXPECT_TRUE(quads_.empty());
   input_.buttons.set(2);
@@ -330,6 +339,7 @@ TEST_F(ToolTest, ScalpelPressesUntilItCutsAndAgainOnceItHasBeenFree) {
   EXPECT_EQ(output_.device_force_n.norm(), 0.0);
   moveTo(kAbove);
   moveTo(kDeep);
+  hold(0.02);
   EXPECT_NEAR(output_.device_force_n.z(), output_.coupling_stiffness_n_m * 0.005, 1e-3);
 }
 

@@ -16,6 +16,7 @@
 #include "soft_volume/tool/cut_resistance.h"
 #include "soft_volume/tool/force_limiter.h"
 #include "soft_volume/tool/grasp.h"
+#include "soft_volume/tool/passivity.h"
 #include "soft_volume/tool/patch_intake.h"
 #include "soft_volume/tool/proxy.h"
 #include "soft_volume/tool/scalpel.h"
@@ -91,6 +92,8 @@ struct ToolOutput {
   StiffnessBound stiffness_bound = StiffnessBound::kWish;  ///< what it is bounded by
   LoopTiming timing;                                       ///< that the coupling allows for
   double patch_interval_s = 0.0;                           ///< usual one; 0 before two patches came
+  double made_energy_j = 0.0;  ///< by sampling and delay, not taken out yet (passivity.h); losses of late below zero
+  double passivity_damping_n_s_m = 0.0;  ///< that takes it out
   ForceFault fault = ForceFault::kNone;
   bool pose_stale = false;   ///< no usable pose: stale or not finite
   bool patch_stale = false;  ///< no patch from the simulation within the time limit
@@ -147,6 +150,13 @@ class Tool {
     double time_s;
   };
 
+  /// The coupling's spring, from the tip to the tissue.
+  struct Spring {
+    bool loaded = false;
+    Vector3 stretch_m = Vector3::Zero();
+    Vector3 surface_velocity_m_s = Vector3::Zero();
+  };
+
   void forgetSession();
   void forgetContact();
   void watchTime(const ToolInput& input);
@@ -155,8 +165,11 @@ class Tool {
   Vector3 cut(const ToolInput& input, ToolOutput& output);
   Vector3 cuttingForce(const Vector3& position_m, double time_s);
   std::optional<TissueCut> lift();
-  bool grip(const ToolInput& input, ToolOutput& output, Vector3& wish_n);
-  void press(const ToolInput& input, Vector3& wish_n);
+  bool grip(const ToolInput& input, ToolOutput& output);
+  void press(const ToolInput& input);
+  Vector3 springForce(ToolOutput& output) const;
+  double tissueBound() const;
+  void observe(const ToolInput& input, const Vector3& force_n);
   void commandForce(ToolOutput& output);
   void report(ToolOutput& output) const;
   TickHeader nextHeader(std::uint64_t& sequence) const;
@@ -174,16 +187,19 @@ class Tool {
   CutResistance resistance_;
   LoopMeter meter_;
   Coupling coupling_;
+  PassivityControl passivity_;
   ForceLimiter limiter_;
 
   std::uint64_t force_sequence_;
   std::uint64_t cut_sequence_;
   Contact contact_;
+  Spring spring_;
   Vector3 push_point_m_ = Vector3::Zero();  // where the tissue feels the force
   std::optional<std::uint32_t> push_cell_;  // the topology's number of the cell that is pressed
   bool pushing_ = false;                    // the tissue's last command was not zero
   bool in_incision_ = false;
   std::optional<CutPose> cut_pose_;  // of the newest update that cut
+  std::optional<double> clock_s_;    // of the newest update
   bool has_pose_ = false;
   double pose_time_s_ = 0.0;
   Vector3 position_m_ = Vector3::Zero();
