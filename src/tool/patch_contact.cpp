@@ -92,6 +92,7 @@ void PatchContact::check(const Topology& topology, const GridPatch& patch) {
               std::to_string(topology.revision) + " (or the session differs)");
   require(patch.positions.size() == patch.vertex_ids.size() && patch.velocities.size() == patch.vertex_ids.size(),
           "positions and velocities do not match the vertices");
+  require(patch.stiffness_pa.size() == patch.cell_ids.size(), "stiffnesses do not match the cells");
   require(allFinite(patch.positions) && allFinite(patch.velocities), "a position or velocity is not finite");
   fillSlots(patch.vertex_ids, topology.vertexCount(), vertex_slots_);
   fillSlots(patch.cell_ids, topology.cellCount(), cell_slots_);
@@ -240,6 +241,8 @@ void PatchContact::update(const Topology& topology, const GridPatch& patch) {
     else
       addCones(topology, id);
   }
+  for (Cell& cell : cells_)
+    cell.stiffness_pa = patch.stiffness_pa[cell_slots_[cell.id]];
   from_m_ = positions_m_;
   to_m_ = positions_m_;
   known_.assign(positions_m_.size(), 0);
@@ -432,9 +435,11 @@ void PatchContact::placeCutVertices(const PatchContact& shown) {
   }
 }
 
-void PatchContact::beginFrom(const PatchContact& shown, double duration_s) {
+void PatchContact::beginFrom(const PatchContact& shown, double duration_s, double lead_s) {
   if (cells_.empty() || shown.empty() || shown.session_ != session_ || !(duration_s > 0.0))
     return;
+  for (std::size_t slot = 0; slot < to_m_.size(); ++slot)
+    to_m_[slot] += lead_s * velocities_m_s_[slot];
   takeShown(shown);
   placeUnknown();
   placeCutVertices(shown);
@@ -548,6 +553,21 @@ std::uint32_t PatchContact::cellOfId(std::uint32_t id) const {
   const auto it =
       std::lower_bound(cells_.begin(), cells_.end(), id, [](const Cell& cell, std::uint32_t v) { return cell.id < v; });
   return it != cells_.end() && it->id == id ? std::uint32_t(it - cells_.begin()) : kNoCell;
+}
+
+double PatchContact::youngsModulus(const Vector3& point_m, double radius_m) const {
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (const Cell& cell : cells_) {
+    if ((cell.box.center() - point_m).squaredNorm() <= radius_m * radius_m) {
+      sum += cell.stiffness_pa;
+      ++count;
+    }
+  }
+  if (count > 0)
+    return sum / double(count);
+  const CellPoint at = locate(point_m);
+  return at.found() ? cells_[at.cell].stiffness_pa : 0.0;
 }
 
 bool PatchContact::isAtCut(const CellPoint& at) const {

@@ -295,6 +295,7 @@ struct HandMade {
     patch.revision = topology.revision = 2;
     for (std::uint32_t c = 0; c < topology.cellCount(); ++c)
       patch.cell_ids.push_back(c);
+    patch.stiffness_pa.assign(patch.cell_ids.size(), 10000.0F);
   }
   /// Vertex at the layer of x (0 to 4), and y and z of 0 or 1.
   static std::uint32_t v(std::uint32_t x, std::uint32_t y, std::uint32_t z) { return 4 * x + 2 * y + z; }
@@ -371,6 +372,7 @@ TEST(CutContactTest, TwoHalvesOfACubeByHand) {
 TEST(CutContactTest, KnowsBehindWhichFacesThePatchEnds) {
   HandMade tissue;
   tissue.patch.cell_ids = {1};
+  tissue.patch.stiffness_pa = {10000.0F};
   const PatchContact contact = tissue.contact();
   const auto goesOn = [&](double x, double y, double z) {
     return contact.gridGoesOn(contact.locate(inCells(x, y, z)));
@@ -448,6 +450,7 @@ TEST(CutContactTest, TetrahedraWedgesAndPyramidsAreFelt) {
     tissue.patch.positions.clear();
     tissue.patch.velocities.clear();
     tissue.patch.cell_ids = {0};
+    tissue.patch.stiffness_pa = {10000.0F};
     std::vector<std::uint32_t> numbers;
     for (const Vector3& p : cornersOf(type)) {
       numbers.push_back(std::uint32_t(numbers.size()));

@@ -170,11 +170,24 @@ TEST(PatchContactTest, RefusesPatchesThatDoNotFitAndKeepsTheOldOne) {
   refuses([](GridPatch& patch) { ++patch.session; });
   refuses([](GridPatch& patch) { patch.positions.pop_back(); });
   refuses([](GridPatch& patch) { patch.velocities.pop_back(); });
+  refuses([](GridPatch& patch) { patch.stiffness_pa.pop_back(); });
   refuses([](GridPatch& patch) { patch.positions[17].y() = std::numeric_limits<float>::quiet_NaN(); });
   refuses([](GridPatch& patch) { patch.velocities[17].y() = std::numeric_limits<float>::infinity(); });
   refuses([](GridPatch& patch) { patch.cell_ids.back() = 100000; });
   refuses([](GridPatch& patch) { std::swap(patch.cell_ids[0], patch.cell_ids[1]); });
   refuses([](GridPatch& patch) { patch.vertex_ids.back() += 1; });
+}
+
+TEST(PatchContactTest, KnowsTheStiffnessAround) {
+  Tissue tissue = makeFlatHalfSpace();
+  for (std::uint32_t c = 0; c < tissue.patch.cell_ids.size(); ++c)
+    tissue.patch.stiffness_pa[c] = c % 8 < 4 ? 4000.0F : 8000.0F;  // stiffer from x = 32 mm on
+  const PatchContact contact = contactOf(tissue);
+  EXPECT_DOUBLE_EQ(contact.youngsModulus({0.014, 0.030, 0.030}, 0.012), 4000.0);
+  EXPECT_DOUBLE_EQ(contact.youngsModulus({0.050, 0.030, 0.030}, 0.012), 8000.0);
+  EXPECT_DOUBLE_EQ(contact.youngsModulus({0.032, 0.030, 0.030}, 0.012), 6000.0);
+  EXPECT_DOUBLE_EQ(contact.youngsModulus({0.0321, 0.0321, 0.0321}, 0.0001), 8000.0);
+  EXPECT_DOUBLE_EQ(contact.youngsModulus({0.5, 0.5, 0.5}, 0.012), 0.0);
 }
 
 TEST(PatchContactTest, QueriesAllocateNothingAndAreQuick) {

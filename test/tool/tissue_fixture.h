@@ -68,6 +68,7 @@ struct Tissue {
         kept.push_back(id);
     }
     patch.cell_ids = kept;
+    patch.stiffness_pa.resize(kept.size(), 10000.0F);
   }
 };
 

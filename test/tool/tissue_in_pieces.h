@@ -36,6 +36,7 @@ struct TissueInPieces {
     patch.cell_ids.resize(topology.cellCount());
     std::iota(patch.vertex_ids.begin(), patch.vertex_ids.end(), 0U);
     std::iota(patch.cell_ids.begin(), patch.cell_ids.end(), 0U);
+    patch.stiffness_pa.assign(topology.cellCount(), 10000.0F);
     patch.velocities.assign(topology.vertexCount(), Vector3f::Zero());
     move();
   }

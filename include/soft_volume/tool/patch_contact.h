@@ -63,9 +63,11 @@ class PatchContact {
   /// Forgets the patch: everything is air.
   void clear();
   /// Starts to move from where `shown` has its vertices now to where the newest patch has them, within `duration_s` >
-  /// 0. Vertices that `shown` lacks (a cut made them, or the patch went on) begin as far from their places as their
-  /// neighbours do. Nothing happens when `shown` is empty or of another session. Call once after update().
-  void beginFrom(const PatchContact& shown, double duration_s);
+  /// 0. Vertices of a cut begin where the tissue that they lie in is shown, and any others that `shown` lacks as far
+  /// from their places as their neighbours do. With a lead it goes to where the tissue will be that much later if it
+  /// keeps the patch's velocities, so that the way there is no delay. Nothing happens when `shown` is empty or of
+  /// another session. Call once after update().
+  void beginFrom(const PatchContact& shown, double duration_s, double lead_s = 0.0);
   /// Moves on along that way; the tissue rests at its end.
   void advance(double dt_s);
 
@@ -107,6 +109,9 @@ class PatchContact {
   std::uint32_t cellOfId(std::uint32_t id) const;
   /// Whether the point is within a micrometre of a face of its cell that an incision opened.
   bool isAtCut(const CellPoint& at) const;
+  /// Mean Young's modulus of the cells around a point [Pa]: of those with a middle within `radius_m`, or else of the
+  /// cell that holds it; 0 where there is none.
+  double youngsModulus(const Vector3& point_m, double radius_m) const;
   /// True when the grid goes on behind the face that the point is nearest to, but the patch does not: the patch is too
   /// small to say what is there.
   bool gridGoesOn(const CellPoint& at) const;
@@ -128,6 +133,7 @@ class PatchContact {
     Box3 box;
     Box3 place_box;
     std::uint32_t id = 0;
+    float stiffness_pa = 0.0F;
     std::uint32_t first = 0;  // its hexahedron, or the first of its cones
     std::uint32_t cones = 0;
     bool cut = false;
