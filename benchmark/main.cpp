@@ -7,6 +7,7 @@
 
 #include "render_benchmark.h"
 #include "simulation_benchmark.h"
+#include "tool_benchmark.h"
 
 namespace {
 
@@ -32,6 +33,7 @@ int main(int argc, char** argv) {
   benchmark::AddCustomContext("build", SOFT_VOLUME_BUILD);
   soft_volume::core::registerSimulationBenchmarks();
   soft_volume::core::registerRenderBenchmarks();
+  soft_volume::core::registerToolBenchmarks();
   benchmark::Initialize(&argc, argv);
   if (benchmark::ReportUnrecognizedArguments(argc, argv))
     return 2;

@@ -1,0 +1,101 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cstdlib>
+#include <new>
+
+#include "tick_loop.h"
+
+// A tick takes no memory. Every allocation of this program, the libraries' included, is counted here. Not inlined: gcc
+// would see only half of a pair and warn that they do not match.
+static std::atomic<std::size_t> allocations{0};
+
+__attribute__((noinline)) void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* memory = std::malloc(size))
+    return memory;
+  throw std::bad_alloc();
+}
+__attribute__((noinline)) void* operator new(std::size_t size, std::align_val_t alignment) {
+  ++allocations;
+  const std::size_t unit = static_cast<std::size_t>(alignment);
+  if (void* memory = std::aligned_alloc(unit, (size + unit - 1) / unit * unit))
+    return memory;
+  throw std::bad_alloc();
+}
+__attribute__((noinline)) void operator delete(void* memory) noexcept {
+  std::free(memory);
+}
+__attribute__((noinline)) void operator delete(void* memory, std::size_t) noexcept {
+  std::free(memory);
+}
+__attribute__((noinline)) void operator delete(void* memory, std::align_val_t) noexcept {
+  std::free(memory);
+}
+__attribute__((noinline)) void operator delete(void* memory, std::size_t, std::align_val_t) noexcept {
+  std::free(memory);
+}
+
+namespace soft_volume::core {
+namespace {
+
+struct Seen {
+  std::size_t allocations = 0;
+  int touching = 0;
+  int cutting = 0;
+  int gripping = 0;
+};
+
+/// From the first tick on: also what comes once must not take memory.
+Seen watch(TickWork work, int ticks) {
+  TickLoop loop(work);
+  Seen seen;
+  for (int n = 0; n < ticks; ++n) {
+    loop.prepare();
+    const std::size_t before = allocations;
+    loop.tick();
+    seen.allocations += allocations - before;
+    loop.answer();
+    seen.touching += loop.output().contact.touching ? 1 : 0;
+    seen.cutting += loop.output().cutting ? 1 : 0;
+    seen.gripping += loop.output().gripping ? 1 : 0;
+  }
+  EXPECT_EQ(loop.refused(), 0);
+  EXPECT_GE(loop.patchCells(), 250U);
+  return seen;
+}
+
+TEST(TickAllocation, IsCounted) {
+  const std::size_t before = allocations;
+  const std::vector<int> memory(100);
+  EXPECT_EQ(allocations - before, 1U);
+}
+
+TEST(TickAllocation, FreeTicksTakeNoMemory) {
+  const Seen seen = watch(TickWork::kFree, 50);
+  EXPECT_EQ(seen.allocations, 0U);
+  EXPECT_EQ(seen.touching, 0);
+}
+
+TEST(TickAllocation, PressingAndSlidingTakesNoMemory) {
+  for (const TickWork work : {TickWork::kPress, TickWork::kSlide, TickWork::kSlideOverCut}) {
+    const Seen seen = watch(work, 900);
+    EXPECT_EQ(seen.allocations, 0U) << int(work);
+    EXPECT_GT(seen.touching, 400) << int(work);
+  }
+}
+
+TEST(TickAllocation, CuttingTakesNoMemory) {
+  const Seen seen = watch(TickWork::kCut, 1000);
+  EXPECT_EQ(seen.allocations, 0U);
+  EXPECT_GT(seen.cutting, 500);
+}
+
+TEST(TickAllocation, GrippingTakesNoMemory) {
+  const Seen seen = watch(TickWork::kGrip, 1000);
+  EXPECT_EQ(seen.allocations, 0U);
+  EXPECT_GT(seen.gripping, 300);
+}
+
+}  // namespace
+}  // namespace soft_volume::core
