@@ -3,12 +3,14 @@
 
 namespace {
 
-constexpr char kHelp[] = R"(device_node _scene:=FILE [_frame_id:=NAME]
+constexpr char kHelp[] = R"(device_node _scene:=FILE [_device:=FILE] [_frame_id:=NAME]
 
-A virtual haptic device: publishes measured_cp, measured_cv and joy at 1 kHz and obeys servo_cf.
+A virtual haptic device: publishes measured_cp, measured_cv and joy at 1 kHz in the volume frame and obeys servo_cf, or
+plays the driver of a device file, with its topics, messages, base frame and rate.
 
   _scene:=FILE              scene file whose device section is played; required
-  _frame_id:=NAME           name of the volume frame (volume)
+  _device:=FILE             device file, as those in config/devices (none)
+  _frame_id:=NAME           name of the volume frame, without a device file (volume)
 )";
 
 }  // namespace

@@ -1,39 +1,89 @@
 #include "soft_volume/ros/device_node.h"
 
-#include <geometry_msgs/PoseStamped.h>
-#include <geometry_msgs/TwistStamped.h>
+#include <ros/console.h>
 #include <ros/init.h>
-#include <sensor_msgs/Joy.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <string>
 
-#include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/topics.h"
 #include "soft_volume/ros/parameters.h"
-#include "soft_volume/scene/scene.h"
+#include "virtual_driver.h"
 
 namespace soft_volume {
 namespace {
 
 /// More missed ticks than this are a stall, not jitter (real time only).
 constexpr std::int64_t kStallTicks = 100;
-constexpr std::size_t kPublishedButtons = 8;
+constexpr std::uint32_t kPublishedButtons = 8;
+
+/// A driver in the volume frame with the names of topics.h.
+core::DeviceProfile plainProfile(const core::Scene& scene, const std::string& frame_id) {
+  core::DeviceProfile profile;
+  profile.name = "virtual haptic device";
+  profile.limits = scene.device.limits;
+  profile.base_frame = frame_id;
+  profile.topics.measured_cp = topics::kMeasuredPose;
+  profile.topics.measured_cv = topics::kMeasuredVelocity;
+  profile.topics.servo_cf = topics::kServoForce;
+  core::ButtonSource buttons;
+  buttons.topic = topics::kButtons;
+  buttons.count = kPublishedButtons;
+  profile.topics.buttons.push_back(buttons);
+  return profile;
+}
+
+/// The scene's device and hand as the device of a file, with the script in its base frame.
+core::VirtualDeviceConfig playedBy(const core::DeviceProfile& profile, const core::Scene& scene) {
+  core::VirtualDeviceConfig config = scene.device;
+  config.limits = profile.limits;
+  config.mass_kg = profile.mechanics.mass_kg;
+  config.friction_n = profile.mechanics.friction_n;
+  config.position_resolution_m = profile.mechanics.position_resolution_m;
+  config.damping_n_s_m = profile.device_damping_n_s_m;
+  config.workspace_centre_m = profile.mapping.device_centre_m;
+  const core::WorkspaceMapping mapping(profile.mapping, profile.placeIn(scene));
+  core::Pose tip;
+  for (core::WayPoint& point : config.way_points) {
+    tip.position_m = point.position_m;
+    tip.orientation = point.orientation.value_or(tip.orientation);
+    const core::Pose device = mapping.toDevice(tip);
+    point.position_m = device.position_m;
+    point.orientation = device.orientation;
+  }
+  return config;
+}
 
 }  // namespace
 
 DeviceNode::DeviceNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
     : node_(node), diagnostics_(node, private_node) {
-  const auto scene_file =
-      requiredParameter<std::string>(private_node, "scene", "the scene file whose device section is played");
-  frame_id_ = parameter<std::string>(private_node, "frame_id", "volume");
-  device_ = std::make_unique<core::VirtualDevice>(core::loadScene(scene_file).device);
-  pose_publisher_ = node_.advertise<geometry_msgs::PoseStamped>(topics::kMeasuredPose, 1000);
-  velocity_publisher_ = node_.advertise<geometry_msgs::TwistStamped>(topics::kMeasuredVelocity, 1000);
-  button_publisher_ = node_.advertise<sensor_msgs::Joy>(topics::kButtons, 1000);
-  servo_subscriber_ =
-      node_.subscribe(topics::kServoForce, 10, &DeviceNode::hearServo, this, ros::TransportHints().tcpNoDelay());
-  diagnostics_.setHardwareID("virtual haptic device");
+  const core::Scene scene = core::loadScene(
+      requiredParameter<std::string>(private_node, "scene", "the scene file whose device section is played"));
+  const auto file = parameter<std::string>(private_node, "device", "");
+  if (file.empty()) {
+    device_ = std::make_unique<core::VirtualDevice>(scene.device);
+    start(plainProfile(scene, parameter<std::string>(private_node, "frame_id", "volume")), true);
+    return;
+  }
+  const core::DeviceProfile profile = core::loadDeviceProfile(file);
+  if (profile.style == core::DeviceStyle::kKeyboard) {
+    ROS_INFO("%s: somebody has to press the keys, there is nothing to play", profile.name.c_str());
+    return;
+  }
+  device_ = std::make_unique<core::VirtualDevice>(playedBy(profile, scene));
+  start(profile, false);
+}
+
+void DeviceNode::start(const core::DeviceProfile& profile, bool every_tick) {
+  publish_every_ = std::max<std::int64_t>(1, std::llround(1.0 / (profile.rate_hz * core::VirtualDevice::kStep_s)));
+  driver_ = makeVirtualDriver(node_, profile, every_tick, incidents_, [this](const core::Vector3& force_n) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    device_->setServoForce(force_n);
+  });
+  diagnostics_.setHardwareID(profile.name);
   diagnostics_.add("device", this, &DeviceNode::diagnose);
   diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
                                              [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
@@ -42,15 +92,8 @@ DeviceNode::DeviceNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
 
 DeviceNode::~DeviceNode() {
   running_ = false;
-  thread_.join();
-}
-
-void DeviceNode::hearServo(const geometry_msgs::WrenchStamped::ConstPtr& message) {
-  const core::Vector3 force = fromVector(message->wrench.force);
-  if (!core::isFinite(force))
-    incidents_.report(topics::kServoForce, "the force is not finite; it is taken as zero");
-  const std::lock_guard<std::mutex> lock(mutex_);
-  device_->setServoForce(force);
+  if (thread_.joinable())
+    thread_.join();
 }
 
 void DeviceNode::run() {
@@ -77,23 +120,17 @@ void DeviceNode::run() {
 }
 
 void DeviceNode::tick(const ros::Time& stamp) {
-  geometry_msgs::PoseStamped pose;
-  geometry_msgs::TwistStamped velocity;
-  sensor_msgs::Joy joy;
+  DeviceSample sample;
+  sample.stamp = stamp;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     device_->step();
-    pose.pose = toPose(device_->pose());
-    velocity.twist.linear = toVector(device_->velocity_m_s());
-    const core::Buttons buttons = device_->buttons();
-    for (std::size_t b = 0; b < kPublishedButtons; ++b)
-      joy.buttons.push_back(buttons[b] ? 1 : 0);
+    sample.pose = device_->pose();
+    sample.velocity_m_s = device_->velocity_m_s();
+    sample.buttons = device_->buttons();
   }
-  pose.header.stamp = velocity.header.stamp = joy.header.stamp = stamp;
-  pose.header.frame_id = velocity.header.frame_id = frame_id_;
-  button_publisher_.publish(joy);
-  velocity_publisher_.publish(velocity);
-  pose_publisher_.publish(pose);  // last: it is what makes the tool act
+  if (++ticks_ % publish_every_ == 0)
+    driver_->publish(sample);
 }
 
 void DeviceNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {

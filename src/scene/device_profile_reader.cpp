@@ -47,6 +47,12 @@ SafetyConfig readSafety(YamlMap map) {
 ButtonSource readButtons(YamlMap& map) {
   ButtonSource source;
   source.topic = map.text("topic");
+  if (map.has("closed_below")) {
+    source.closed_below = map.number("closed_below", {-10.0, 10.0, "rad or m"});
+    source.as = static_cast<std::uint32_t>(map.integer("as", kButton, source.as));
+    map.finish();
+    return source;
+  }
   source.first = static_cast<std::uint32_t>(map.integer("first", {0.0, 255.0}, source.first));
   source.count = static_cast<std::uint32_t>(map.integer("count", {1.0, 32.0}, source.count));
   source.as = static_cast<std::uint32_t>(map.integer("as", kButton, source.as));

@@ -20,7 +20,9 @@ FOLDER = sys.argv.pop(1)
 FILES = sorted(glob.glob(os.path.join(FOLDER, "*.launch")))
 # Arguments without a default, and the switches that choose between parts of a file.
 GIVEN = {"bag": "/tmp/a folder/with a.bag"}
-SWITCHES = {"nodelets": ("true", "false"), "device": ("true", "false"), "virtual": ("true", "false")}
+DEVICES = sorted(os.path.splitext(os.path.basename(file))[0]
+                 for file in glob.glob(os.path.join(FOLDER, os.pardir, "config", "devices", "*.yaml")))
+SWITCHES = {"nodelets": ("true", "false"), "device": DEVICES + ["/a folder/of mine.yaml"], "virtual": ("true", "false")}
 
 
 def arguments_of(file):
@@ -78,6 +80,29 @@ class LaunchFiles(unittest.TestCase):
             for name, value in ((p.key, p.value) for p in load(file, next(variants(file))).params.values()):
                 if name.endswith("/scene"):
                     self.assertTrue(os.path.isfile(value), f"{name}: {value}")
+
+    def test_a_device_is_a_name_or_a_path(self):
+        for launch in ("demo.launch", "device.launch"):
+            for device in DEVICES:
+                with self.subTest(launch=launch, device=device):
+                    config = load(os.path.join(FOLDER, launch), ["device:=" + device])
+                    for node in ("tool", "device", "adapter", "teleop"):
+                        self.assertTrue(os.path.isfile(config.params[f"/{node}/device"].value))
+            config = load(os.path.join(FOLDER, launch), ["device:=/a folder/of mine.yaml", "virtual:=false"])
+            self.assertEqual(config.params["/tool/device"].value, "/a folder/of mine.yaml")
+            self.assertNotIn("/device/device", config.params)
+            self.assertEqual({node.name for node in config.nodes} & {"device"}, set())
+
+    def test_without_a_device_nothing_stands_between(self):
+        config = load(os.path.join(FOLDER, "demo.launch"), [])
+        self.assertEqual({node.name for node in config.nodes}, {"simulation", "renderer", "tool", "device"})
+        self.assertEqual(config.params["/tool/device"].value, "")
+
+    def test_real_devices_run_in_real_time(self):
+        for virtual in (True, False):
+            config = load(os.path.join(FOLDER, "demo.launch"), [f"virtual:={str(virtual).lower()}"])
+            self.assertEqual(config.params["/use_sim_time"].value, virtual)
+            self.assertEqual(config.params["/simulation/publish_clock"].value, virtual)
 
     def test_recording_needs_a_file(self):
         with self.assertRaises(roslaunch.core.RLException):

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <map>
 #include <string>
 
 #include "soft_volume/common/error.h"
@@ -28,6 +30,7 @@ topics:
   buttons:
     - {topic: arm/button1, first: 0, count: 1, as: 0}
     - {topic: pedals, first: 2, count: 2, as: 3}
+    - {topic: arm/gripper/measured_js, closed_below: 0.1, as: 6}
 needs_homing: true
 mapping:
   align_with: volume
@@ -90,7 +93,10 @@ TEST(DeviceProfile, ReadsEveryKey) {
   EXPECT_EQ(p.topics.measured_cv, "arm/measured_cv");
   EXPECT_EQ(p.topics.servo_cf, "arm/servo_cf");
   EXPECT_EQ(p.topics.operating_state, "arm/operating_state");
-  ASSERT_EQ(p.topics.buttons.size(), 2u);
+  ASSERT_EQ(p.topics.buttons.size(), 3u);
+  EXPECT_FALSE(p.topics.buttons[1].closed_below);
+  EXPECT_EQ(p.topics.buttons[2].closed_below, 0.1);
+  EXPECT_EQ(p.topics.buttons[2].as, 6u);
   EXPECT_EQ(p.topics.buttons[1].topic, "pedals");
   EXPECT_EQ(p.topics.buttons[1].first, 2u);
   EXPECT_EQ(p.topics.buttons[1].count, 2u);
@@ -127,6 +133,8 @@ TEST(DeviceProfile, NamesWhatIsWrongAndWhere) {
   expectRefused(with("  operating_state: arm/operating_state\n", ""), "needs_homing", "needs topics.operating_state");
   expectRefused(with("as: 3", "as: 31"), "topics.buttons[1].as", "go beyond");
   expectRefused(with("as: 3", "as: 0"), "topics.buttons[1].as", "second source");
+  expectRefused(with("closed_below: 0.1", "closed_below: 11"), "topics.buttons[2].closed_below", "[-10, 10]");
+  expectRefused(with("closed_below: 0.1", "closed_below: 0.1, count: 2"), ":", "unknown key topics.buttons[2].count");
   expectRefused(with("scale: 0.5", "scale: 0"), "mapping.scale", "[0.01, 100]");
   expectRefused(with("force_scale: 2", "force_scale: 101"), "mapping.force_scale", "[0.01, 100]");
   expectRefused(with("[0.0, 0.0, 1.0, 0.0]", "[0.0, 0.0, 0.5, 0.0]"), "mapping.orientation_xyzw", "unit quaternion");
@@ -173,6 +181,39 @@ teleop: {joy: spacenav/joy, max_speed_m_s: 0.1, max_turn_rad_s: 0.5, dead_zone: 
   EXPECT_EQ(teleop.max_speed_m_s, 0.1);
   EXPECT_EQ(teleop.max_turn_rad_s, 0.5);
   EXPECT_EQ(teleop.dead_zone, 0.1);
+}
+
+/// What stands in the table of doc/haptics.md, which is that of the devices that are known by name.
+TEST(DeviceProfile, EveryShippedFileLoadsWithTheLimitsOfItsDevice) {
+  const std::map<std::string, std::string> models = {
+      {"falcon", "falcon"},  {"force_dimension", "omega_7"}, {"keyboard", "touch"}, {"omni", "omni"},
+      {"spacenav", "touch"}, {"sensable_phantom", "touch"},  {"virtual", "touch"}};
+  std::size_t files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(SOFT_VOLUME_SOURCE_DIR "/config/devices")) {
+    SCOPED_TRACE(entry.path());
+    ++files;
+    const DeviceProfile profile = loadDeviceProfile(entry.path().string());
+    EXPECT_NO_THROW(profile.mapping.validate(profile.name));
+    EXPECT_NO_THROW(profile.limits.validate(profile.name));
+    EXPECT_NO_THROW(profile.safety.validate(profile.name));
+    EXPECT_FALSE(profile.topics.buttons.empty());
+    const auto model = models.find(entry.path().stem().string());
+    if (model == models.end())
+      continue;
+    const DeviceLimits known = deviceLimits(model->second);
+    EXPECT_LE(profile.limits.max_force_n, known.max_force_n);  // a driver may allow less
+    EXPECT_EQ(profile.limits.max_stiffness_n_m, known.max_stiffness_n_m);
+    EXPECT_EQ(profile.limits.max_damping_n_s_m, known.max_damping_n_s_m);
+    const bool motors = !profile.topics.servo_cf.empty();
+    if (motors) {
+      EXPECT_EQ(profile.limits.workspace_radius_m, known.workspace_radius_m);
+      const DeviceMechanics mechanics = deviceMechanics(model->second);
+      EXPECT_EQ(profile.mechanics.mass_kg, mechanics.mass_kg);
+      EXPECT_EQ(profile.mechanics.friction_n, mechanics.friction_n);
+      EXPECT_EQ(profile.mechanics.position_resolution_m, mechanics.position_resolution_m);
+    }
+  }
+  EXPECT_EQ(files, 8u);
 }
 
 TEST(DeviceProfile, AMissingFileSaysWhereTheOthersAre) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -8,17 +9,20 @@
 #include "soft_volume/common/named_choice.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/tool/force_limiter.h"
+#include "soft_volume/tool/teleoperation.h"
 #include "soft_volume/tool/virtual_device.h"
 #include "soft_volume/tool/workspace_mapping.h"
 
 namespace soft_volume::core {
 
-/// Buttons of one sensor_msgs/Joy topic that become buttons of the tool.
+/// Buttons of one topic that become buttons of the tool: those of a sensor_msgs/Joy, or a gripper's joint
+/// (sensor_msgs/JointState) that counts as pressed while it is closed.
 struct ButtonSource {
   std::string topic;
-  std::uint32_t first = 0;  ///< first one in the message; [0, 255]
-  std::uint32_t count = 1;  ///< this many, in order; [1, 32]
-  std::uint32_t as = 0;     ///< the tool's button that the first one becomes; as + count <= 32
+  std::optional<double> closed_below;  ///< first position of the joint, rad or m; [-10, 10]; then count is 1
+  std::uint32_t first = 0;             ///< first one in the message; [0, 255]
+  std::uint32_t count = 1;             ///< this many, in order; [1, 32]
+  std::uint32_t as = 0;                ///< the tool's button that the first one becomes; as + count <= 32
 };
 
 /// Topics of a driver with CRTK's messages, in the device's base frame; an empty name where there is none.
@@ -55,14 +59,6 @@ struct OmniTopics {
   double position_unit_m = 0.001;  ///< metres per unit of its positions; [1e-6, 10]
   /// Of the frame that its orientations are in, in the frame that its positions are in.
   Quaternion orientation_frame = Quaternion::Identity();
-};
-
-/// How fast a mouse or a keyboard moves the tool.
-struct TeleopConfig {
-  std::string joy;              ///< topic of the mouse, 6 axes in [-1, 1]: x, y, z and about x, y, z
-  double max_speed_m_s = 0.05;  ///< at full deflection, or while a key is held; (0, 0.5]
-  double max_turn_rad_s = 1.0;  ///< the same for turning; (0, 10]
-  double dead_zone = 0.05;      ///< deflection up to which nothing moves; [0, 0.9]
 };
 
 /// Everything that the nodes must know of a device and its driver: one file per device in config/devices, whose keys
