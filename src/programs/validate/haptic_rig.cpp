@@ -18,7 +18,8 @@ constexpr double kTouch_m = kSurface_m + kTipRadius_m;  // of the tip's centre
 constexpr double kPatchDelay_s = 0.001;                 // from the simulation to the tool
 constexpr double kTrend_s = 0.1;                        // oscillation is what is faster than this
 constexpr std::uint64_t kSession = 1;
-constexpr double kRestart_s = 0.3;  // from a simulation's death to the next one
+constexpr double kToughness_j_m2 = 76.0;  // that of the cutting scene
+constexpr double kRestart_s = 0.3;        // from a simulation's death to the next one
 
 /// Intensities of the block's voxels.
 constexpr double kSoft = 100.0;
@@ -31,8 +32,7 @@ std::string number(double value) {
 }
 
 /// Materials are those of the shipped scenes: fat and muscle of the CT head, its prestretch, its bone.
-std::string sceneText(const HapticSetup& setup) {
-  const TissueKind tissue = setup.tissue;
+std::string sceneText(TissueKind tissue, double damping_ratio, double cut_resistance_j_m2) {
   const bool prestressed = tissue == TissueKind::kPrestressed;
   const std::string sides = R"(
     - min: [-1, -1, -1]
@@ -52,10 +52,9 @@ materials:
     density_kg_m3: 1050
     poisson_ratio: 0.45
     damping_ratio: )" +
-         number(setup.tissue_damping_ratio) +
-         "\n    youngs_modulus_pa: " + number(tissue == TissueKind::kFat ? 3250 : 10700) +
+         number(damping_ratio) + "\n    youngs_modulus_pa: " + number(tissue == TissueKind::kFat ? 3250 : 10700) +
          "\n    prestretch: " + number(prestressed ? 1.15 : 1.0) +
-         "\n    cut_resistance_j_m2: " + number(setup.cuts ? 76 : 0) + R"(
+         "\n    cut_resistance_j_m2: " + number(cut_resistance_j_m2) + R"(
     colour: [0.9, 0.6, 0.5]
     opacity: 0.5
   - name: bone
@@ -263,6 +262,11 @@ double swing(const std::vector<HapticSample>& trace, const Window& window) {
 
 }  // namespace
 
+HapticBlock makeHapticBlock(TissueKind tissue, double damping_ratio, double cut_resistance_j_m2) {
+  return {parseScene(sceneText(tissue, damping_ratio, cut_resistance_j_m2), "haptic block", "/"), blockVolume(tissue),
+          0.5 * kSoft, Vector3(kMiddle_m, kMiddle_m, kSurface_m)};
+}
+
 std::string nameOf(Hand hand) {
   constexpr const char* kNames[] = {"stiff grip", "loose grip", "tapping", "sliding", "release"};
   return kNames[int(hand)];
@@ -304,8 +308,9 @@ HapticRig::HapticRig(const HapticSetup& setup)
 
 void HapticRig::makeSession() {
   const std::uint64_t id = session_ ? session_->id() + 1 : kSession;
-  const Scene scene = parseScene(sceneText(setup_), "haptic block", "/");
-  session_ = std::make_unique<Session>(scene, blockVolume(setup_.tissue), nullptr, id, 1);
+  const HapticBlock block =
+      makeHapticBlock(setup_.tissue, setup_.tissue_damping_ratio, setup_.cuts ? kToughness_j_m2 : 0);
+  session_ = std::make_unique<Session>(block.scene, block.volume, nullptr, id, 1);
   next_step_s_ = now_s_ + session_->timeStep();
   next_patch_s_ = now_s_;
 }
@@ -438,7 +443,8 @@ void HapticRig::showTissue() {
   const ToolConfig& config = tool_.config();
   patch.patch = session_->patch(config.id, device_.position_m(), config.patch_radius_m);
   patches_under_way_.push_back(std::move(patch));
-  result_.released_j = std::max(result_.released_j, tissue_energy_at_start_j_ - energyOf(*session_));
+  if (setup_.tissue == TissueKind::kPrestressed)  // other tissue starts with nothing to release
+    result_.released_j = std::max(result_.released_j, tissue_energy_at_start_j_ - energyOf(*session_));
 }
 
 void HapticRig::simulate() {

@@ -34,6 +34,15 @@ std::string nameOf(Hand hand);
 std::string nameOf(TissueKind tissue);
 std::string nameOf(Sabotage sabotage);
 
+/// The block that the suite presses and cuts: 60 x 60 x 36 mm in cells of 6 mm, its bottom held.
+struct HapticBlock {
+  Scene scene;
+  std::shared_ptr<const Volume> volume;
+  double threshold = 0.0;           ///< between air and tissue
+  Vector3 top_m = Vector3::Zero();  ///< a vertex in the middle of its top
+};
+HapticBlock makeHapticBlock(TissueKind tissue, double damping_ratio = 0.5, double cut_resistance_j_m2 = 0.0);
+
 /// One row of the suite: a device in a hand, on tissue, in a loop of these delays.
 struct HapticSetup {
   std::string device = "touch";

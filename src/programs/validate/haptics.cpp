@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "haptic_rig.h"
+#include "haptics_force.h"
 #include "report.h"
 #include "soft_volume/common/error.h"
 
@@ -292,6 +293,8 @@ std::vector<Case> hapticsCases(const Options& options) {
     cases.push_back(
         {std::string("device ") + device, seconds, [=](Report& report) { normalUse(device, options, report); }});
   }
+  cases.push_back(
+      {"force against depth", options.quick ? 1.0 : 5.0, [=](Report& report) { forceAgainstDepth(options, report); }});
   cases.push_back({"cut", options.quick ? 1.0 : 10.0, [=](Report& report) { cutting(options, report); }});
   for (const Sabotage sabotage :
        {Sabotage::kPoseStops, Sabotage::kNotANumber, Sabotage::kTeleport, Sabotage::kTenfoldJitter, Sabotage::kSlowLoop,
