@@ -13,6 +13,7 @@ constexpr double kStill = 1e-8;      // metres that are not worth a slide
 constexpr double kRough = 2e-5;      // metres that a surface may rise or fall anywhere
 constexpr double kSteep = 3.0;       // rise of a slope that is still the same surface
 constexpr double kEnough = 0.45;     // of what a slide on a plane would take out of the spring; 0.5 would be all of it
+constexpr double kShade = 0.35;      // slope of the surface against its smooth normal that a slide climbs
 constexpr double kLeastGain = 0.02;  // of a slide
 constexpr int kSlides = 2;           // per tick
 constexpr int kTries = 3;            // per slide
@@ -74,13 +75,13 @@ std::optional<Proxy::Rest> Proxy::restAt(const SurfaceSearch& search, const Vect
   return Rest{hit, near_m + hit.depth() * normal_};
 }
 
-// A slide takes at least as much out of the spring as friction does, and no more than to the end of the way: it never
-// overshoots.
-std::optional<Proxy::Rest> Proxy::slid(const SurfaceSearch& search, const PatchContact& field, const Tip& tip,
-                                       const Vector3& normal) {
+// One slide towards where the spring pulls straight, or to the border of the friction cone; nothing when it is there.
+// It takes out of the spring what it would on a plane, but for the slope that the smooth normal hides.
+std::optional<Proxy::Rest> Proxy::slid(const SurfaceSearch& search, const PatchContact& field, const Tip& tip) {
   const Vector3 to_tip = tip.position_m - centre_m_;
-  const double friction_m = tip.friction * std::max(0.0, -to_tip.dot(normal));
-  Vector3 way = to_tip - to_tip.dot(normal) * normal;
+  const double depth_m = std::max(0.0, -to_tip.dot(normal_));
+  const double friction_m = tip.friction * depth_m;
+  Vector3 way = to_tip - to_tip.dot(normal_) * normal_;
   const double length_m = way.norm();
   if (length_m - friction_m <= kStill)
     return std::nullopt;
@@ -97,7 +98,7 @@ std::optional<Proxy::Rest> Proxy::slid(const SurfaceSearch& search, const PatchC
       continue;
     }
     const double taken = rest ? 0.5 * (to_tip.squaredNorm() - (tip.position_m - rest->centre_m).squaredNorm()) : 0.0;
-    if (rest && taken >= step_m * (friction_m + kEnough * drive_m)) {
+    if (rest && taken >= step_m * (friction_m + kEnough * drive_m - kShade * depth_m)) {
       gain_ = n == 0 ? std::min(1.0, 2.0 * gain_) : gain_;
       return rest;
     }
@@ -126,9 +127,7 @@ Vector3 Proxy::along(const SurfaceSearch& search, const Vector3& inside_m, const
 
 void Proxy::slide(const SurfaceSearch& search, const PatchContact& field, const Tip& tip, Rest rest) {
   for (int n = 0; n < kSlides; ++n) {
-    auto there = slid(search, field, tip, normal_);
-    if (!there && rest.hit.at_iso_surface)
-      there = slid(search, field, tip, search.gradientNormal(rest.hit, normal_));
+    const auto there = slid(search, field, tip);
     if (!there)
       break;
     rest = *there;

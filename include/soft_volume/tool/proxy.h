@@ -16,13 +16,17 @@ class SurfaceSearch;
 /// hand feels.
 ///
 /// - In the air the sphere goes straight to the tip and stops at the first tissue on its way, however thin.
-/// - On the tissue it is carried by the point of the tissue that it rests on, and slides along the surface to where it
-///   is nearest to the tip. The surface is searched from where it was, never from the tip: a tip may be arbitrarily
-///   deep, below a fold or beyond thin tissue, and a closed cavity below the surface is not noticed. A slide stops
-///   where the sphere's centre would enter other tissue (an overhanging fold, the other lip), or goes along it.
-/// - It slides only where that takes more out of the spring than friction does: with the coefficient mu it sticks while
-///   the force is inside the friction cone, and slides to the cone's border otherwise (Harwin and Melder, 2002). So
-///   nothing but the hand and the tissue ever puts energy into the spring.
+/// - On the tissue it is carried by the point of the tissue that it rests on, and slides along the surface to where the
+///   spring pulls straight against it. The surface is searched from where it was, never from the tip: a tip may be
+///   arbitrarily deep, below a fold or beyond thin tissue, and a closed cavity below the surface is not noticed. A
+///   slide stops where the sphere's centre would enter other tissue (an overhanging fold, the other lip), or goes along
+///   it.
+/// - With the coefficient mu it sticks while the force is inside the friction cone, and slides to the cone's border
+///   otherwise (Harwin and Melder, 2002).
+/// - Slides follow the smooth normal below (force shading, Ruspini et al., 1997): the place that is nearest to a deep
+/// tip
+///   would jump from cell to cell, whose faces are kinks of a deformed surface. A slide that would climb more than that
+///   smoothness explains is made shorter or left out, so that sliding puts no energy into the spring that stays there.
 /// - The surface is the threshold's iso-surface, cut faces and the end of the lattice (SurfaceSearch): over a narrow
 ///   opening the sphere rests on the rims, between wide lips it touches the one beside it.
 /// - Its normal is the surface's slope over the tip's radius, or three quarters of a cell, whichever is more; it turns
@@ -50,8 +54,7 @@ class Proxy {
   void carry(const PatchContact& field);
   std::optional<Rest> restAt(const SurfaceSearch& search, const Vector3& near_m, double radius_m, double rise_m) const;
   void slide(const SurfaceSearch& search, const PatchContact& field, const Tip& tip, Rest rest);
-  std::optional<Rest> slid(const SurfaceSearch& search, const PatchContact& field, const Tip& tip,
-                           const Vector3& normal);
+  std::optional<Rest> slid(const SurfaceSearch& search, const PatchContact& field, const Tip& tip);
   bool isBlocked(const PatchContact& field, const Vector3& to_m) const;
   Vector3 along(const SurfaceSearch& search, const Vector3& inside_m, const Vector3& way) const;
   std::optional<Rest> approach(const SurfaceSearch& search, const PatchContact& field, const Tip& tip);
