@@ -23,6 +23,7 @@ class ScriptedRun {
 
   bool scriptEnded() const { return device_.scriptEnded(); }
   const Tool& tool() const { return *tools_[in_hand_]; }
+  const VirtualDevice& device() const { return device_; }
   /// Of the newest pose.
   const ToolOutput& output() const { return output_; }
   /// Grows with every input that the session refused; the reason of the last one.

@@ -11,6 +11,7 @@
 
 #include "haptic_rig.h"
 #include "haptics_force.h"
+#include "haptics_strokes.h"
 #include "report.h"
 #include "soft_volume/common/error.h"
 
@@ -295,6 +296,15 @@ std::vector<Case> hapticsCases(const Options& options) {
   }
   cases.push_back(
       {"force against depth", options.quick ? 1.0 : 5.0, [=](Report& report) { forceAgainstDepth(options, report); }});
+  cases.push_back({"strokes", options.quick ? 2.0 : 20.0, [=](Report& report) { hapticStrokes(options, report); }});
+  // The last two take minutes.
+  for (const char* scene : {"mri_head", "ct_head", "ct_incision"}) {
+    if (options.full || (!options.quick && std::string(scene) != "ct_incision"))
+      cases.push_back(
+          {std::string("scene ") + scene, 10.0, [=](Report& report) { hapticScene(scene, options, report); }});
+  }
+  if (options.full)
+    cases.push_back({"cutting scene", 90.0, [=](Report& report) { strokesInCuttingScene(options, report); }});
   cases.push_back({"cut", options.quick ? 1.0 : 10.0, [=](Report& report) { cutting(options, report); }});
   for (const Sabotage sabotage :
        {Sabotage::kPoseStops, Sabotage::kNotANumber, Sabotage::kTeleport, Sabotage::kTenfoldJitter, Sabotage::kSlowLoop,
