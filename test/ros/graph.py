@@ -48,14 +48,20 @@ def dying_with_us(signal_name):
 class Node:
   """A node of the package in a process of its own."""
 
-  def __init__(self, program, name, parameters, folder, environment=None):
+  def __init__(self, program, name, parameters, folder, environment=None, keys=False):
     self.name = name
     self._log = os.path.join(folder, '%s-%d.log' % (name, time.monotonic_ns()))
     command = dying_with_us('KILL') + [os.path.join(os.environ['SOFT_VOLUME_TEST_BIN'], program), '__name:=' + name]
     command += ['_%s:=%s' % (key, value) for key, value in parameters.items()]
     with open(self._log, 'w') as log:
       self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT,
+                                      stdin=subprocess.PIPE if keys else subprocess.DEVNULL,
                                       env=dict(os.environ, OMP_WAIT_POLICY='passive', **(environment or {})))
+
+  def type(self, keys):
+    """Keys of the node's terminal; only of one that was started with `keys`."""
+    self.process.stdin.write(keys.encode())
+    self.process.stdin.flush()
 
   def output(self):
     with open(self._log, errors='replace') as log:
@@ -167,11 +173,11 @@ class GraphTest(unittest.TestCase):
     result = self._outcome.result
     return any(test is self for test, _ in result.failures + result.errors)
 
-  def start(self, program, name=None, environment=None, **parameters):
+  def start(self, program, name=None, environment=None, keys=False, **parameters):
     name = name or program.replace('_node', '')
     if rospy.has_param('/' + name):  # of a node before
       rospy.delete_param('/' + name)
-    node = Node(program, name, parameters, self.folder, environment)
+    node = Node(program, name, parameters, self.folder, environment, keys)
     self._nodes.append(node)
     return node
 

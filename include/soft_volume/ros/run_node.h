@@ -1,7 +1,9 @@
 #pragma once
 
+#include <ros/callback_queue.h>
 #include <ros/ros.h>
 
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <exception>
@@ -20,19 +22,37 @@ inline bool printHelp(int argc, char** argv, const char* help) {
   return false;
 }
 
-/// The main of every node: constructs `Node(node, private_node)` and spins until shutdown. Returns 1 when the node
+/// Set by SIGINT and SIGTERM.
+inline volatile std::sig_atomic_t& stopRequested() {
+  static volatile std::sig_atomic_t requested = 0;
+  return requested;
+}
+
+/// Serves callbacks until the program is to stop, or ROS is shut down.
+inline void spinUntilStopped() {
+  const ros::WallDuration look_interval(0.05);
+  while (ros::ok() && stopRequested() == 0)
+    ros::getGlobalCallbackQueue()->callAvailable(look_interval);
+}
+
+/// The main of every node: constructs `Node(node, private_node)` and spins until it is to stop. Returns 1 when the node
 /// cannot start, with the reason in the log. `help` is what --help prints.
+///
+/// Stopped by a signal, the node is destroyed before ROS is shut down, so that it can still send what must be sent
+/// last: drivers of haptic devices hold a force until another one comes.
 template <typename Node>
 int runNode(int argc, char** argv, const char* name, const char* help) {
   if (printHelp(argc, argv, help))
     return 0;
-  ros::init(argc, argv, name);
+  ros::init(argc, argv, name, ros::init_options::NoSigintHandler);
+  for (const int signal : {SIGINT, SIGTERM})
+    std::signal(signal, [](int) { stopRequested() = 1; });
   // When the last handle goes, ROS shuts down and nothing is logged any more: the reason below needs these two.
   const ros::NodeHandle public_handle;
   const ros::NodeHandle private_handle("~");
   try {
     Node node(public_handle, private_handle);
-    ros::spin();
+    spinUntilStopped();
   } catch (const std::exception& error) {
     ROS_FATAL("%s", error.what());
     return 1;
