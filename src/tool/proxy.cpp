@@ -9,14 +9,14 @@
 namespace soft_volume::core {
 namespace {
 
-constexpr double kStill = 1e-8;      // metres that are not worth a slide
-constexpr double kRough = 2e-5;      // metres that a surface may rise or fall anywhere
-constexpr double kSteep = 3.0;       // rise of a slope that is still the same surface
-constexpr double kEnough = 0.45;     // of what a slide on a plane would take out of the spring; 0.5 would be all of it
-constexpr double kShade = 0.35;      // slope of the surface against its smooth normal that a slide climbs
-constexpr double kLeastGain = 0.02;  // of a slide
-constexpr int kSlides = 2;           // per tick
-constexpr int kTries = 3;            // per slide
+constexpr double kStill = 1e-8;     // metres that are not worth a slide
+constexpr double kRough = 2e-5;     // metres that a surface may rise or fall anywhere
+constexpr double kSteep = 3.0;      // rise of a slope that is still the same surface
+constexpr double kEnough = 0.45;    // of what a slide on a plane would take out of the spring; 0.5 would be all of it
+constexpr double kShade = 1.2;      // slope of the surface against its smooth plane that a slide climbs
+constexpr double kLeastGain = 0.1;  // of a slide
+constexpr int kSlides = 2;          // per tick
+constexpr int kTries = 3;           // per slide
 constexpr int kMaxSweep = 16;
 constexpr double kFeel = 1.14;  // of the radius; a plane that touches the sphere holds one of 26 points out there
 constexpr double kBlend = 0.2;
@@ -87,22 +87,21 @@ std::optional<Proxy::Rest> Proxy::slid(const SurfaceSearch& search, const PatchC
     return std::nullopt;
   way /= length_m;
   for (int n = 0; n < kTries; ++n) {
-    const double pull_m = way.dot(to_tip);
-    const double drive_m = pull_m - friction_m;
+    const double drive_m = way.dot(to_tip) - friction_m;
     if (drive_m <= kStill)
       break;
     const double step_m = gain_ * std::min(drive_m, 0.5 * tip.radius_m);
     const auto rest = restAt(search, centre_m_ + step_m * way, tip.radius_m, kSteep * step_m + kRough);
-    if (rest && isBlocked(field, rest->centre_m)) {
-      way = along(search, rest->centre_m, way);
-      continue;
-    }
+    const bool blocked = rest && isBlocked(field, rest->centre_m);
     const double taken = rest ? 0.5 * (to_tip.squaredNorm() - (tip.position_m - rest->centre_m).squaredNorm()) : 0.0;
-    if (rest && taken >= step_m * (friction_m + kEnough * drive_m - kShade * depth_m)) {
+    if (rest && !blocked && taken >= step_m * (friction_m + kEnough * drive_m - kShade * depth_m)) {
       gain_ = n == 0 ? std::min(1.0, 2.0 * gain_) : gain_;
       return rest;
     }
-    gain_ = std::max(kLeastGain, 0.5 * gain_);
+    if (blocked)
+      way = along(search, rest->centre_m, way);
+    else
+      gain_ = std::max(kLeastGain, 0.5 * gain_);
   }
   return std::nullopt;
 }
@@ -112,15 +111,16 @@ bool Proxy::isBlocked(const PatchContact& field, const Vector3& to_m) const {
   return field.sample(to_m).tissue && !field.sample(centre_m_).tissue;
 }
 
-// The part of a way that does not enter the tissue which begins before `inside_m`.
+// The part of a way along the surface that does not enter the tissue which begins before `inside_m`.
 Vector3 Proxy::along(const SurfaceSearch& search, const Vector3& inside_m, const Vector3& way) const {
   const Vector3 back = centre_m_ - inside_m;
   const double distance_m = back.norm();
   if (!(distance_m > 0.0))
     return Vector3::Zero();
-  const SurfaceSearch::Hit wall = search.along({inside_m, back / distance_m}, 0.0, {0.0, distance_m});
-  const Vector3 normal = wall.found ? search.gradientNormal(wall, back / distance_m) : Vector3(back / distance_m);
-  const Vector3 left = way - std::min(0.0, way.dot(normal)) * normal;
+  const SurfaceSearch::Hit hit = search.along({inside_m, back / distance_m}, 0.0, {0.0, distance_m});
+  Vector3 wall = hit.found ? search.gradientNormal(hit, back / distance_m) : Vector3(back / distance_m);
+  wall -= wall.dot(normal_) * normal_;
+  const Vector3 left = way - way.dot(wall) / std::max(wall.squaredNorm(), 1e-12) * wall;
   const double length = left.norm();
   return length > 1e-6 ? Vector3(left / length) : Vector3(Vector3::Zero());
 }

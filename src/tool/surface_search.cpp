@@ -14,6 +14,8 @@ constexpr double kClosedGap = 1e-5;         // metres
 constexpr double kDrop = 0.05;  // of the radius; a surface that is deeper than expected by this is an opening
 constexpr double kBesideOpening = 0.6;
 constexpr double kBeyond = 1e-3;
+constexpr int kRimSteps = 5;
+constexpr double kSteepOffset = 0.2;  // of the radius
 
 }  // namespace
 
@@ -95,28 +97,66 @@ SurfaceSearch::Hit SurfaceSearch::findGap(const Ray& ray, double t_start, double
   return {};
 }
 
+SurfaceSearch::Hit SurfaceSearch::Press::at(const SurfaceSearch& search, const Vector3& way, double offset_m) const {
+  const double reach_m = std::sqrt(radius_m * radius_m - offset_m * offset_m);
+  Hit hit = search.along({centre.origin + offset_m * way, centre.direction, centre.parts_lips}, start_m,
+                         {lowest_m - reach_m, highest_m - reach_m});
+  hit.reach_m = reach_m;
+  return hit;
+}
+
 SurfaceSearch::Hit SurfaceSearch::press(const Ray& centre, double expected_m, double radius_m, double lowest_m,
                                         double highest_m) const {
   // Where lips lie on each other, the tissue on the surface is either one's: start below it.
   const double start_m = centre.parts_lips ? expected_m - field_.marchStep() : expected_m;
-  Hit deepest = along(centre, start_m, {lowest_m - radius_m, highest_m - radius_m});
-  deepest.reach_m = radius_m;
-  if (!field_.hasCuts() || (deepest.found && deepest.t > expected_m - kDrop * radius_m))
-    return deepest;
-  const Vector3 side = centre.direction.unitOrthogonal();
-  const Vector3 other = centre.direction.cross(side);
-  for (int n = 0; n < 8; ++n) {
-    const double offset = (n % 2 == 0 ? 0.35 : 0.7) * radius_m;
-    const double angle = n * M_PI / 4.0;
-    const Ray ray{centre.origin + offset * (std::cos(angle) * side + std::sin(angle) * other), centre.direction,
-                  centre.parts_lips};
-    const double reach = std::sqrt(radius_m * radius_m - offset * offset);
-    Hit hit = along(ray, start_m, {lowest_m - reach, highest_m - reach});
-    hit.reach_m = reach;
-    if (hit.found && (!deepest.found || hit.depth() > deepest.depth()))
-      deepest = hit;
+  const Press press{centre, start_m, radius_m, lowest_m, highest_m};
+  const Hit hit = press.at(*this, Vector3::Zero(), 0.0);
+  if (!field_.hasCuts())
+    return hit;
+  const bool sinks = !hit.found || hit.t <= expected_m - kDrop * radius_m;
+  const bool at_cut = hit.found && !hit.at_iso_surface && field_.isAtCut(hit.inside);
+  return sinks || (at_cut && isSteep(press, hit)) ? onRim(press, hit) : hit;
+}
+
+// Whether the surface is nearly parallel to the line, as the wall of an opening is.
+bool SurfaceSearch::isSteep(const Press& press, const Hit& hit) const {
+  const double offset_m = kSteepOffset * press.radius_m;
+  const Vector3 side = press.centre.direction.unitOrthogonal();
+  for (const Vector3& way : {side, press.centre.direction.cross(side)}) {
+    const Hit beside = press.at(*this, way, offset_m);
+    if (!beside.found || std::abs(beside.t - hit.t) > offset_m)
+      return true;
   }
-  return deepest;
+  return false;
+}
+
+// The rim of an opening is sought on eight lines beside the middle and then, by bisection, on the way to the best one.
+SurfaceSearch::Hit SurfaceSearch::onRim(const Press& press, const Hit& middle) const {
+  Hit rim;
+  Vector3 way = Vector3::Zero();
+  double rim_m = 0.0;
+  const auto take = [&](const Vector3& there, double offset_m) {
+    const Hit hit = press.at(*this, there, offset_m);
+    if (!hit.found || (rim.found && hit.depth() <= rim.depth()))
+      return false;
+    rim = hit;
+    way = there;
+    rim_m = offset_m;
+    return true;
+  };
+  const Vector3 side = press.centre.direction.unitOrthogonal();
+  const Vector3 other = press.centre.direction.cross(side);
+  for (int n = 0; n < 8; ++n) {
+    const double angle = n * M_PI / 4.0;
+    take(std::cos(angle) * side + std::sin(angle) * other, (n % 2 == 0 ? 0.35 : 0.7) * press.radius_m);
+  }
+  double in_opening_m = 0.0;
+  for (int n = 0; n < kRimSteps && rim_m > 0.0; ++n) {
+    const double middle_m = 0.5 * (in_opening_m + rim_m);
+    if (!take(way, middle_m))
+      in_opening_m = middle_m;
+  }
+  return rim.found && !(middle.found && middle.depth() >= rim.depth()) ? rim : middle;
 }
 
 // Height of the surface over the origin, at most `reach_m` either way.

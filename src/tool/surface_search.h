@@ -40,8 +40,8 @@ class SurfaceSearch {
   Hit along(const Ray& ray, double start_m, const Span& span) const;
   /// Where a sphere around the line's origin is pressed in most, along the line. The surface is expected at
   /// `expected_m`; its depth is at least `lowest_m` and at most `highest_m`. Over an opening the sphere rests on the
-  /// rims as far as it does not fit in: where the line through its centre meets the surface deeper than expected, eight
-  /// more lines, at 0.35 and 0.7 radii, say where it is pressed in most.
+  /// rims as far as it does not fit in: where the line through its centre meets the surface deeper than expected, or
+  /// the wall of a cut, eight more lines, at 0.35 and 0.7 radii, find the rim.
   Hit press(const Ray& centre, double expected_m, double radius_m, double lowest_m,
             double highest_m = std::numeric_limits<double>::infinity()) const;
   /// Outward unit vector by the gradient of the intensity; `outward` where there is none.
@@ -55,6 +55,16 @@ class SurfaceSearch {
   Vector3 shortestWayOut(const Vector3& from_m) const;
 
  private:
+  /// A sphere that is pressed on the surface along a line.
+  struct Press {
+    Ray centre;
+    double start_m;
+    double radius_m;
+    double lowest_m;
+    double highest_m;
+    /// Where it meets the surface on a parallel line, that far off on this way.
+    Hit at(const SurfaceSearch& search, const Vector3& way, double offset_m) const;
+  };
   /// A point of a line.
   struct End {
     double t;
@@ -64,6 +74,8 @@ class SurfaceSearch {
   double share(const PatchContact::Sample& inside, const PatchContact::Sample& outside) const;
   Hit findGap(const Ray& ray, double t_start, double t_end, PatchContact::CellPoint start,
               const PatchContact::CellPoint& end) const;
+  bool isSteep(const Press& press, const Hit& hit) const;
+  Hit onRim(const Press& press, const Hit& middle) const;
   double heightAt(const Ray& ray, double reach_m) const;
 
   const PatchContact& field_;

@@ -243,6 +243,56 @@ TEST(GodObjectTest, AFoldStopsItFromBothSides) {
   EXPECT_FALSE(field.sample(inside.contact().proxy_m).tissue);
 }
 
+/// A floor and, from a line across it on, a block that begins `gap_m` above it.
+double stepped(const Vector3& p, double gap_m) {
+  const double block = std::min({p.z() - 0.024 - gap_m, 0.048 - p.z(), p.x() - 0.030 - 0.5 * (p.y() - 0.032)});
+  return 1000.0 * std::max(0.024 - p.z(), block);
+}
+const Vector3 kStepsEdge = Vector3(0.5, 1.0, 0.0).normalized();
+
+TEST(GodObjectTest, GoesAlongAWall) {
+  const PatchContact field = contactOf(makeBlock([](const Vector3& p) { return stepped(p, -0.010); }));
+  Hand hand(field);
+  hand.go({0.020, 0.020, 0.040});
+  hand.go({0.020, 0.020, 0.024}, 0.0001);
+  double worst = 0.0;
+  const auto see = [&] {
+    ASSERT_TRUE(hand.contact().touching);
+    ASSERT_FALSE(field.sample(hand.contact().proxy_m).tissue);
+    worst = std::max(worst, hand.change());
+  };
+  hand.go({0.032, 0.020, 0.024}, 0.0001, see);  // into it
+  for (int n = 0; n < 200; ++n)
+    hand.go(hand.tip());
+  const Vector3 stopped = hand.contact().proxy_m;
+  hand.go(hand.tip() + 0.012 * kStepsEdge, 0.0001, see);
+  for (int n = 0; n < 200; ++n)
+    hand.go(hand.tip());
+  std::cout << "[ measure  ] wall: " << worst / 0.0001 << ", along it "
+            << (hand.contact().proxy_m - stopped).dot(kStepsEdge) << ", off it "
+            << (hand.contact().proxy_m - stopped).cross(kStepsEdge).norm() << "\n";
+  EXPECT_NEAR((hand.contact().proxy_m - stopped).dot(kStepsEdge), 0.012, 0.001);
+  EXPECT_LT((hand.contact().proxy_m - stopped).cross(kStepsEdge).norm(), 0.001);
+  EXPECT_LT(worst, 0.0003);
+}
+
+// An overhang that is lower than the sphere holds it, though it slides along the edge by fits and starts.
+TEST(GodObjectTest, AnOverhangStopsIt) {
+  const PatchContact field = contactOf(makeBlock([](const Vector3& p) { return stepped(p, 0.002); }));
+  Hand hand(field);
+  hand.go({0.020, 0.026, 0.040});
+  hand.go({0.020, 0.026, 0.024}, 0.0001);
+  const auto see = [&] {
+    ASSERT_TRUE(hand.contact().touching);
+    ASSERT_FALSE(field.sample(hand.contact().proxy_m).tissue);
+    ASSERT_LT(hand.contact().proxy_m.x() - 0.030 - 0.5 * (hand.contact().proxy_m.y() - 0.032), 0.0);
+  };
+  hand.go({0.036, 0.026, 0.024}, 0.0001, see);  // under it
+  const Vector3 stopped = hand.contact().proxy_m;
+  hand.go(hand.tip() + 0.012 * kStepsEdge, 0.0001, see);
+  EXPECT_GT((hand.contact().proxy_m - stopped).dot(kStepsEdge), 0.006);
+}
+
 /// A valley between two slopes of 45 degrees along y.
 TEST(GodObjectTest, RestsInAValleyAndSlidesAlongIt) {
   const PatchContact field =
@@ -363,6 +413,131 @@ TEST(GodObjectTest, APatchAt30HzDoesNotBuzz) {
       EXPECT_LT(worst, 1.1 * 0.035 * kTick);
     else
       EXPECT_GT(worst, 10.0 * 0.035 * kTick);  // that is what the interpolation is for
+  }
+}
+
+/// A block cut along x = 3.63 cells that opens to a gap.
+class LipsTest : public testing::Test {
+ protected:
+  static constexpr double kPlane = 3.63 * kH;
+  void SetUp() override {
+    const Vector3 size = tissue_.block.size();
+    tissue_.cut({{Vector3(kPlane, -kH, -kH), Vector3(kPlane, -kH, 8.0 * kH), Vector3(kPlane, size.y() + kH, 8.0 * kH),
+                  Vector3(kPlane, size.y() + kH, -kH)}});
+  }
+  PatchContact openTo(double gap_m) {
+    tissue_.part(kPlane, [&](const Vector3&, int side) { return Vector3(0.5 * gap_m * side, 0.0, 0.0); });
+    return tissue_.contact();
+  }
+  int lipOf(const Contact& contact) { return tissue_.middleOf(contact.cell).x() < kPlane ? -1 : 1; }
+  TissueInPieces tissue_{{7, 6, 6}, [](const Vector3& p) { return 1000.0 * (5.4 * kH - p.z()); }};
+};
+
+// Pressed against one lip, dragged along and across below the skin while the lips close: never felt by the other one.
+TEST_F(LipsTest, NeverPassesFromLipToLip) {
+  std::mt19937 random(12);
+  std::uniform_real_distribution<double> number(-1.0, 1.0);
+  for (const int side : {-1, 1}) {
+    for (const double friction : {0.0, 0.3}) {
+      PatchContact field = openTo(0.010);
+      Hand hand(field, friction);
+      hand.go({kPlane, 3.0 * kH, 3.0 * kH});
+      hand.go({kPlane + side * 0.005, 3.0 * kH, 3.0 * kH}, 0.0002);
+      ASSERT_TRUE(hand.contact().touching);
+      for (int n = 0; n < 60; ++n) {
+        PatchContact next = openTo(std::max(0.0, 0.010 - 0.0003 * n));
+        next.beginFrom(field, 0.02);
+        field = next;
+        const Vector3 to(kPlane + side * (0.008 + 0.004 * number(random)), (3.0 + 1.2 * number(random)) * kH,
+                         (3.0 + 1.2 * number(random)) * kH);
+        const Vector3 from = hand.tip();
+        for (int tick = 1; tick <= 20; ++tick) {
+          field.advance(kTick);
+          hand.go(from + tick / 20.0 * (to - from));
+          ASSERT_TRUE(hand.contact().touching);
+          ASSERT_EQ(lipOf(hand.contact()), side);
+          ASSERT_LT(side * hand.contact().normal.x(), -0.9);
+        }
+      }
+    }
+  }
+}
+
+// The probe presses the skin while a blade opens it: what it feels changes as the tissue does, not with the revision.
+TEST(GodObjectTest, ACutUnderTheTipIsNoStep) {
+  TissueInPieces tissue({7, 6, 6}, [](const Vector3& p) { return 1000.0 * (5.4 * kH - p.z()); });
+  PatchContact field = tissue.contact();
+  Hand hand(field, 0.2);
+  const Vector3 tip(3.4 * kH, 3.0 * kH, 5.4 * kH + kRadius - 0.002);
+  hand.go(tip + Vector3(0, 0, 0.006));
+  hand.go(tip, 0.0001);
+  const double plane = 3.63 * kH;
+  tissue.cut({{Vector3(plane, -kH, 2.0 * kH), Vector3(plane, -kH, 8.0 * kH), Vector3(plane, 7.0 * kH, 8.0 * kH),
+               Vector3(plane, 7.0 * kH, 2.0 * kH)}});
+  double worst = 0.0;
+  const auto show = [&] {
+    PatchContact next = tissue.contact();
+    next.beginFrom(field, 0.033);
+    field = next;
+    for (int n = 0; n < 33; ++n) {
+      hand.go(tip);
+      worst = std::max(worst, hand.change());
+      field.advance(kTick);
+    }
+  };
+  show();
+  EXPECT_LT(worst, 1e-6);  // nothing has moved yet
+  for (int n = 1; n <= 20; ++n) {
+    tissue.part(plane, [&](const Vector3& p, int side) {
+      return Vector3(0.5 * side * 0.0002 * n * std::max(0.0, (p.z() / kH - 2.0) / 3.4), 0.0, 0.0);
+    });
+    show();
+  }
+  ASSERT_TRUE(hand.contact().touching);
+  std::cout << "[ measure  ] the force changes by at most " << worst * 1e3 << " mm K per tick as the lips open\n";
+  EXPECT_LT(worst, 0.0005);  // it slips off the rim
+}
+
+// Anything may come: wild tissue, cuts, jumps of the tip, patches that go. Nothing may come of it but sane contacts.
+TEST(GodObjectTest, HoldsItsPromisesOnWildTissue) {
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> number(-1.0, 1.0);
+    const auto direction = [&] { return Vector3(number(random), number(random), number(random)); };
+    const Vector3 wave = 60.0 * direction();
+    TissueInPieces tissue(
+        {7, 7, 6}, [&](const Vector3& p) { return 0.4 + std::sin(wave.dot(p)) + 0.5 * std::cos(150.0 * p.z()); });
+    cutAtRandom(tissue, int(seed % 4), random);
+    PatchContact field = tissue.contact();
+    const double friction = seed % 2 == 0 ? 0.4 : 0.0;
+    Hand hand(field, friction);
+    const Vector3 size = tissue.block.size();
+    Vector3 tip = 0.5 * size;
+    for (int n = 0; n < 2500; ++n) {
+      if (n % 50 == 0) {
+        if (n % 500 == 450 && seed > 1)
+          cutAtRandom(tissue, 1, random);
+        const double amount = 0.3 * number(random);
+        tissue.part(3.0 * kH, [&](const Vector3& p, int side) {
+          return Vector3(amount * (warp(p) - 0.2 * p) + 0.1 * kH * side * amount * Vector3::UnitX());
+        });
+        PatchContact next = tissue.contact();
+        next.beginFrom(field, 0.04);
+        field = next;
+      }
+      field.advance(kTick);
+      tip = n % 777 == 0 ? Vector3(0.5 * size + 0.6 * size.cwiseProduct(direction()))
+                         : Vector3(tip + 0.0008 * direction());
+      tip = tip.cwiseMax(-0.2 * size).cwiseMin(1.2 * size);
+      const Contact& contact = hand.go(tip);
+      if (!contact.touching)
+        continue;
+      ASSERT_TRUE(isFinite(contact.proxy_m) && isFinite(contact.surface_velocity_m_s));
+      ASSERT_NEAR(contact.normal.norm(), 1.0, 1e-9);
+      ASSERT_GT(contact.penetration_m, 0.0);
+      ASSERT_LT(contact.penetration_m, 2.0 * size.norm());
+      ASSERT_NE(field.cellOfId(contact.cell), PatchContact::kNoCell);
+    }
   }
 }
 

@@ -25,8 +25,8 @@ class SurfaceSearch;
 ///   otherwise (Harwin and Melder, 2002).
 /// - Slides follow the smooth normal below (force shading, Ruspini et al., 1997): the place that is nearest to a deep
 /// tip
-///   would jump from cell to cell, whose faces are kinks of a deformed surface. A slide that would climb more than that
-///   smoothness explains is made shorter or left out, so that sliding puts no energy into the spring that stays there.
+///   would jump from cell to cell, whose faces are kinks of a deformed surface. So the sphere also rounds the corner
+///   between a floor and a wall. Walls that rise more steeply than that are not climbed.
 /// - The surface is the threshold's iso-surface, cut faces and the end of the lattice (SurfaceSearch): over a narrow
 ///   opening the sphere rests on the rims, between wide lips it touches the one beside it.
 /// - Its normal is the surface's slope over the tip's radius, or three quarters of a cell, whichever is more; it turns
