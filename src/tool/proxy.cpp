@@ -135,7 +135,7 @@ void Proxy::slide(const SurfaceSearch& search, const PatchContact& field, const 
   }
   // Beyond the patch's end nothing is known of the surface, and below another lip its slope is hard to tell.
   if (!patch_too_small_ && !rest.hit.at_closed_lips)
-    normal_ = turnTowards(normal_, search.surfaceNormal(rest.hit, normal_, tip.radius_m));
+    normal_ = turnTowards(normal_, search.surfaceNormal(rest.centre_m - tip.radius_m * normal_, normal_, tip.radius_m));
 }
 
 // Sets normal_ to a first guess; false when the sphere at `centre_m` is free.
@@ -172,8 +172,7 @@ std::optional<Proxy::Rest> Proxy::touched(const SurfaceSearch& search, const Pat
   SurfaceSearch::Hit hit = search.press({centre_m, normal_}, 0.0, radius_m, -radius_m);
   if (!hit.found)
     return std::nullopt;
-  const Vector3 normal =
-      hit.at_iso_surface ? search.gradientNormal(hit, normal_) : search.surfaceNormal(hit, normal_, radius_m);
+  const Vector3 normal = search.surfaceNormal(centre_m + (hit.depth() - radius_m) * normal_, normal_, radius_m);
   if (normal.dot(normal_) > 0.0) {
     const SurfaceSearch::Hit along_normal = search.press({centre_m, normal}, hit.t, radius_m, -radius_m);
     if (along_normal.found) {
@@ -207,14 +206,14 @@ std::optional<Proxy::Rest> Proxy::approach(const SurfaceSearch& search, const Pa
   return std::nullopt;
 }
 
-Contact Proxy::report(const PatchContact& field, const Vector3& tip_m) const {
+Contact Proxy::report(const PatchContact& field, const Tip& tip) const {
   Contact contact;
-  contact.penetration_m = (centre_m_ - tip_m).dot(normal_);
+  contact.penetration_m = (centre_m_ - tip.position_m).dot(normal_);
   if (contact.penetration_m <= 0.0)
     return {};
   contact.touching = true;
   contact.proxy_m = centre_m_;
-  contact.surface_point_m = point_m_;
+  contact.surface_point_m = centre_m_ - tip.radius_m * normal_;
   contact.normal = normal_;
   contact.cell = cell_id_;
   contact.surface_velocity_m_s = field.velocity(at_);
@@ -244,7 +243,7 @@ Contact Proxy::update(const PatchContact& field, const Vector3& tip_m, double ti
   has_centre_ = true;
   take(field, *rest);
   slide(search, field, tip, *rest);
-  return report(field, tip_m);
+  return report(field, tip);
 }
 
 }  // namespace soft_volume::core

@@ -15,6 +15,7 @@ constexpr double kDrop = 0.05;  // of the radius; a surface that is deeper than 
 constexpr double kBesideOpening = 0.6;
 constexpr double kBeyond = 1e-3;
 constexpr int kRimSteps = 5;
+constexpr double kBumpOffset = 0.5;   // of the radius
 constexpr double kSteepOffset = 0.2;  // of the radius
 
 }  // namespace
@@ -98,7 +99,7 @@ SurfaceSearch::Hit SurfaceSearch::findGap(const Ray& ray, double t_start, double
 }
 
 SurfaceSearch::Hit SurfaceSearch::Press::at(const SurfaceSearch& search, const Vector3& way, double offset_m) const {
-  const double reach_m = std::sqrt(radius_m * radius_m - offset_m * offset_m);
+  const double reach_m = reach(offset_m);
   Hit hit = search.along({centre.origin + offset_m * way, centre.direction, centre.parts_lips}, start_m,
                          {lowest_m - reach_m, highest_m - reach_m});
   hit.reach_m = reach_m;
@@ -111,11 +112,30 @@ SurfaceSearch::Hit SurfaceSearch::press(const Ray& centre, double expected_m, do
   const double start_m = centre.parts_lips ? expected_m - field_.marchStep() : expected_m;
   const Press press{centre, start_m, radius_m, lowest_m, highest_m};
   const Hit hit = press.at(*this, Vector3::Zero(), 0.0);
-  if (!field_.hasCuts())
-    return hit;
   const bool sinks = !hit.found || hit.t <= expected_m - kDrop * radius_m;
   const bool at_cut = hit.found && !hit.at_iso_surface && field_.isAtCut(hit.inside);
-  return sinks || (at_cut && isSteep(press, hit)) ? onRim(press, hit) : hit;
+  if (field_.hasCuts() && (sinks || (at_cut && isSteep(press, hit))))
+    return onRim(press, hit);
+  return onBumps(press, hit);
+}
+
+// A sphere touches what is inclined or rough beside the line through its centre.
+SurfaceSearch::Hit SurfaceSearch::onBumps(Press press, Hit deepest) const {
+  const Vector3 side = press.centre.direction.unitOrthogonal();
+  const Vector3 other = press.centre.direction.cross(side);
+  const double offset_m = kBumpOffset * press.radius_m;
+  for (const Vector3& way : {side, other, Vector3(-side), Vector3(-other)}) {
+    if (deepest.found) {
+      // Only what is above the sphere as it lies there now.
+      press.start_m = deepest.depth() - press.reach(offset_m) + kSurfaceTolerance;
+      if (!field_.sample(press.centre.at(press.start_m) + offset_m * way, deepest.inside.cell).tissue)
+        continue;
+    }
+    const Hit hit = press.at(*this, way, offset_m);
+    if (hit.found)
+      deepest = hit;
+  }
+  return deepest;
 }
 
 // Whether the surface is nearly parallel to the line, as the wall of an opening is.
@@ -167,18 +187,17 @@ double SurfaceSearch::heightAt(const Ray& ray, double reach_m) const {
   return field_.sample(ray.origin).tissue ? reach_m : -reach_m;
 }
 
-Vector3 SurfaceSearch::surfaceNormal(const Hit& hit, const Vector3& outward, double radius_m) const {
+Vector3 SurfaceSearch::surfaceNormal(const Vector3& around_m, const Vector3& outward, double radius_m) const {
   const double reach = std::max(radius_m, 0.75 * field_.meanEdge());
-  const Vector3 centre = field_.position(hit.inside);
   const Vector3 sides[2] = {outward.unitOrthogonal(), outward.cross(outward.unitOrthogonal())};
   Vector3 normal = outward;
   for (const Vector3& side : sides) {
     double height[2];
     for (int s = 0; s < 2; ++s) {
       const Vector3 beside = (s == 0 ? -reach : reach) * side;
-      height[s] = heightAt({centre + beside, outward}, reach);
+      height[s] = heightAt({around_m + beside, outward}, reach);
       if (field_.hasCuts() && height[s] < -0.5 * reach)  // a narrow opening, perhaps
-        height[s] = heightAt({centre + kBesideOpening * beside, outward}, reach) / kBesideOpening;
+        height[s] = heightAt({around_m + kBesideOpening * beside, outward}, reach) / kBesideOpening;
     }
     normal -= (height[1] - height[0]) / (2.0 * reach) * side;
   }

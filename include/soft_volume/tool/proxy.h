@@ -28,7 +28,8 @@ class SurfaceSearch;
 ///   would jump from cell to cell, whose faces are kinks of a deformed surface. So the sphere also rounds the corner
 ///   between a floor and a wall. Walls that rise more steeply than that are not climbed.
 /// - The surface is the threshold's iso-surface, cut faces and the end of the lattice (SurfaceSearch): over a narrow
-///   opening the sphere rests on the rims, between wide lips it touches the one beside it.
+///   opening the sphere rests on the rims, between wide lips it touches the one beside it. On rough tissue it lies on
+///   the bumps.
 /// - Its normal is the surface's slope over the tip's radius, or three quarters of a cell, whichever is more; it turns
 ///   by a fifth of the difference per tick, by at most 2 degrees.
 ///
@@ -61,7 +62,7 @@ class Proxy {
   std::optional<Rest> touched(const SurfaceSearch& search, const PatchContact& field, const Vector3& centre_m,
                               double radius_m);
   bool guessNormal(const SurfaceSearch& search, const PatchContact& field, const Vector3& centre_m, double radius_m);
-  Contact report(const PatchContact& field, const Vector3& tip_m) const;
+  Contact report(const PatchContact& field, const Tip& tip) const;
 
   bool touching_ = false;
   bool has_centre_ = false;
