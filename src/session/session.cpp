@@ -23,6 +23,9 @@ constexpr double kMaxTimeStep_s = 10.0;
 constexpr std::uint64_t kMaxRevisionLagSteps = 100;
 /// A sweep between two poses of a device is a fraction of a millimetre; this many in one message is no blade.
 constexpr std::size_t kMaxQuads = 10000;
+/// Metres of travel over which a blade's resistance is averaged. A sweep may open nothing, where it turns or follows
+/// what is open already, and the next one twice as much: cells decide that, and no hand should feel them.
+constexpr double kResistanceTravel = 0.002;
 /// A tip presses one cell, jaws or a plate a few.
 constexpr std::size_t kMaxPressedCells = 64;
 
@@ -188,7 +191,9 @@ Verdict Session::apply(const ToolCutCommand& command) {
   if (command.lifted) {
     blade_resistances_n_.erase(command.header.tool_id);
   } else if (result.travel_m > 0.0) {
-    blade_resistances_n_[command.header.tool_id] = result.energy_j / result.travel_m;
+    double& resistance_n = blade_resistances_n_[command.header.tool_id];
+    const double share = 1.0 - std::exp(-result.travel_m / kResistanceTravel);
+    resistance_n += share * (result.energy_j / result.travel_m - resistance_n);
   }
   if (!result.changed_pieces.empty()) {
     before_cut_ = before;

@@ -22,7 +22,7 @@ struct GridPatch {
   std::vector<std::uint32_t> cell_ids;     ///< increasing; all their vertices are in vertex_ids
   std::vector<float> stiffness_pa;         ///< per cell: Young's modulus
   std::vector<float> cut_resistance_j_m2;  ///< per cell: energy to part a unit area, 0 where not modelled
-  double blade_resistance_n = 0.0;         ///< energy released per travel of the tool's stroke under way, 0 without one
+  double blade_resistance_n = 0.0;         ///< of the tool's stroke under way, energy per travel; 0 without one
 };
 
 }  // namespace soft_volume::core
