@@ -219,6 +219,7 @@ ToolConfig toolOf(const HapticSetup& setup) {
   config.device = deviceLimits(setup.device);
   // Without a wish, passivity alone decides.
   config.coupling.stiffness_n_m = setup.wish_n_m > 0.0 ? setup.wish_n_m : config.device.max_stiffness_n_m;
+  config.friction_coefficient = setup.friction;
   config.coupling.device_damping_n_s_m = setup.damping_n_s_m;
   config.coupling.sample_period_s = 1.0 / setup.rate_hz;
   config.coupling.delay_s = setup.delay_samples / setup.rate_hz;
@@ -287,7 +288,7 @@ std::string HapticSetup::text() const {
   std::ostringstream text;
   text << device << ", " << (cuts ? "cut" : nameOf(hand)) << ", " << nameOf(tissue) << ", b " << damping_n_s_m
        << ", delay " << delay_samples << ", jitter " << 1e3 * jitter_s << " ms, " << rate_hz << " Hz, patches "
-       << patch_rate_hz << " Hz";
+       << patch_rate_hz << " Hz, friction " << friction;
   return text.str();
 }
 

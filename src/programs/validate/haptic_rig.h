@@ -54,6 +54,7 @@ struct HapticSetup {
   double rate_hz = 1000.0;     ///< of the tool's loop
   double patch_rate_hz = 250.0;
   double wish_n_m = 0.0;              ///< stiffness of the coupling that is asked for; 0: the device's largest
+  double friction = 0.0;              ///< between tip and tissue
   double tissue_damping_ratio = 0.5;  ///< that of the shipped scenes by default
   bool cuts = false;                  ///< with a scalpel, through prestressed tissue
   Sabotage sabotage = Sabotage::kNone;

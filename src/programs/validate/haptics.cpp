@@ -27,6 +27,7 @@ constexpr std::array<int, 4> kDelays{0, 1, 2, 3};
 constexpr std::array<double, 2> kJitters{1e-4, 1e-3};
 constexpr std::array<double, 2> kRates{1000.0, 500.0};
 constexpr std::array<double, 2> kPatchRates{250.0, 30.0};
+constexpr std::array<double, 2> kFrictions{0.0, 0.3};
 constexpr std::array<TissueKind, 4> kTissues{TissueKind::kMuscle, TissueKind::kBone, TissueKind::kPrestressed,
                                              TissueKind::kFat};
 
@@ -95,6 +96,7 @@ std::vector<HapticSetup> variants(const std::string& device, Hand hand, const Op
         setup.rate_hz = kRates[(lot >> 8U) % 4 == 0 ? 1 : 0];
         setup.patch_rate_hz = kPatchRates[(lot >> 16U) % 2];
         setup.tissue = kTissues[(lot >> 24U) % 4];
+        setup.friction = kFrictions[(lot >> 32U) % 2];
         setups.push_back(setup);
         continue;
       }
@@ -105,8 +107,11 @@ std::vector<HapticSetup> variants(const std::string& device, Hand hand, const Op
               setup.jitter_s = jitter;
               setup.rate_hz = rate;
               setup.patch_rate_hz = patch_rate;
-              setup.tissue = tissue;
-              setups.push_back(setup);
+              for (const double friction : kFrictions) {
+                setup.tissue = tissue;
+                setup.friction = friction;
+                setups.push_back(setup);
+              }
             }
           }
         }

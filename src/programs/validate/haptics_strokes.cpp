@@ -95,7 +95,7 @@ std::string plotCommands(const std::string& title, const Strokes& strokes) {
          << block("cut", strokes, [](const Moment& m) { return m.cutting ? m.force_n : kNothing; })
          << block("device", strokes, [](const Moment& m) { return 1e3 * m.device_m; })
          << block("proxy", strokes, [](const Moment& m) { return 1e3 * m.proxy_m; })
-         << "set multiplot layout 2,1 title '" << title << "' noenhanced\nset key center center\n"
+         << "set multiplot layout 2,1 title '" << title << "' noenhanced\nset key at graph 1.0,1.1 right horizontal\n"
          << "set lmargin 9\nset xrange [0:" << strokes.moments.back().time_s
          << "]\nset ylabel 'force on the hand, N'\nset yrange [0:*]\n"
          << "plot $pressed with lines lw 2 lc rgb '#1f77b4' title 'probe', "
