@@ -533,6 +533,37 @@ core::ToolCutCommand fromMessage(const ToolCut& message) {
   return command;
 }
 
+ToolState toMessage(const core::ToolOutput& output) {
+  ToolState state;
+  state.session = output.patch.session;
+  state.revision = output.patch.revision;
+  state.step = output.patch.step;
+  state.twist.linear = toVector(output.velocity_m_s);
+  state.in_contact = static_cast<std::uint8_t>(output.contact.touching);
+  state.surface_point = toPoint(output.contact.surface_point_m);
+  state.surface_normal = toVector(output.contact.normal);
+  state.penetration = output.contact.penetration_m;
+  state.proxy.position = toPoint(output.contact.proxy_m);
+  state.gripping = static_cast<std::uint8_t>(output.gripping);
+  state.grip_point = toPoint(output.grip_point_m);
+  state.device_force = toVector(output.device_force_n);
+  state.coupling_stiffness = output.coupling_stiffness_n_m;
+  state.stiffness_bound = static_cast<std::uint8_t>(output.stiffness_bound);
+  state.loop_period = output.timing.period_s;
+  state.loop_delay = output.timing.delay_s;
+  state.patch_interval = output.patch_interval_s;
+  state.made_energy = output.made_energy_j;
+  state.passivity_damping = output.passivity_damping_n_s_m;
+  state.pose_stale = static_cast<std::uint8_t>(output.pose_stale);
+  state.patch_stale = static_cast<std::uint8_t>(output.patch_stale);
+  state.saturated = static_cast<std::uint8_t>(output.saturated);
+  state.slew_limited = static_cast<std::uint8_t>(output.slew_limited);
+  state.tripped = static_cast<std::uint8_t>(output.tripped);
+  state.trip_reason = output.tripped ? core::describe(output.fault) : "";
+  state.fault = core::describe(output.fault);
+  return state;
+}
+
 ToolGrip toMessage(const core::ToolGripCommand& command) {
   ToolGrip message;
   setCommandHeader(command.header, message);

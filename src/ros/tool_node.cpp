@@ -7,6 +7,7 @@
 #include <soft_volume/ToolState.h>
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "soft_volume/common/error.h"
@@ -18,25 +19,94 @@
 namespace soft_volume {
 namespace {
 
-/// How often a force is computed when no pose comes: the device must be at zero within 50 ms of the last one.
-constexpr double kWatchInterval_s = 0.005;
+constexpr double kPublisherWait_s = 0.1;
+constexpr std::size_t kPublishedButtons = 8;
+constexpr std::size_t kRememberedRigs = 8;
+constexpr std::size_t kLooksKept = 10;  // seconds of percentiles
+/// A stamp that is older when a pose is heard says that the clocks differ, not that the pose is late.
+constexpr double kLongestTransport_s = 0.02;
 
 /// The tool's numbers go on after a restart of this node while the simulation remembers the old ones.
 std::uint64_t firstSequence() {
   return ros::WallTime::now().toNSec();
 }
 
+std::optional<core::DeviceProfile> loadProfile(const ros::NodeHandle& private_node) {
+  const auto path = parameter<std::string>(private_node, "device", "");
+  if (path.empty())
+    return std::nullopt;
+  return core::loadDeviceProfile(path);
+}
+
+core::DeviceTopics topicsOf(const std::optional<core::DeviceProfile>& profile) {
+  if (profile)
+    return profile->topics;
+  core::DeviceTopics topics;
+  topics.measured_cp = topics::kMeasuredPose;
+  topics.measured_cv = topics::kMeasuredVelocity;
+  topics.servo_cf = topics::kServoForce;
+  topics.buttons = {{topics::kButtons, 0, static_cast<std::uint32_t>(core::Buttons().size()), 0}};
+  return topics;
+}
+
+TimeCounts::Counts since(const TimeCounts::Counts& now, const TimeCounts::Counts& before) {
+  TimeCounts::Counts difference{};
+  for (std::size_t bin = 0; bin < now.size(); ++bin)
+    difference[bin] = now[bin] - before[bin];
+  return difference;
+}
+
+void addQuantiles(diagnostic_updater::DiagnosticStatusWrapper& status, const std::string& what,
+                  const TimeCounts::Counts& counts) {
+  const auto microseconds = [&](double share) { return std::lround(1e6 * TimeCounts::quantile(counts, share)); };
+  status.addf(what + ": 50th, 99th, 99.9th percentile [us]", "%ld, %ld, %ld", microseconds(0.5), microseconds(0.99),
+              microseconds(0.999));
+}
+
 }  // namespace
 
 ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
     : node_(node),
+      profile_(loadProfile(private_node)),
       wall_timeout_s_(parameter<double>(private_node, "wall_timeout_s", 0.25, 0.02, 10.0)),
       diagnostics_(node, private_node) {
+  HapticLoop::Settings settings;
+  settings.rate_hz = parameter<double>(private_node, "rate_hz", profile_ ? profile_->rate_hz : 1000.0, 20.0, 4000.0);
+  settings.priority = parameter<int>(private_node, "priority", 50, 1, 99);
+  if (!ros::Time::useSystemTime())
+    settings.simulated_time = [this](std::int64_t stamp_ns, double ago_s) { return simulatedTime(stamp_ns, ago_s); };
+  if (profile_) {
+    operating_state_ = std::make_unique<OperatingStateListener>(node_, profile_->topics.operating_state,
+                                                                profile_->needs_homing, incidents_);
+    settings.forces_allowed = [this] { return operating_state_->allowed(); };
+  }
+  advertise();
+  loop_ = std::make_unique<HapticLoop>(settings);
+  publisher_ = std::thread([this] { publishTicks(); });
+  diagnostics_.setHardwareID(profile_ ? profile_->name : "none");
+  diagnostics_.add("tool", this, &ToolNode::diagnose);
+  diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
+                                             [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
+  subscribe();
+}
+
+ToolNode::~ToolNode() {
+  running_ = false;
+  publisher_.join();
+}
+
+void ToolNode::advertise() {
   force_publisher_ = node_.advertise<ToolForce>(topics::kToolForce, 1000);
   cut_publisher_ = node_.advertise<ToolCut>(topics::kToolCut, 1000);
   state_publisher_ = node_.advertise<ToolState>(topics::kToolState, 1000);
-  servo_publisher_ = node_.advertise<geometry_msgs::WrenchStamped>(topics::kServoForce, 1000);
+  const std::string servo = topicsOf(profile_).servo_cf;
+  if (!servo.empty())
+    servo_publisher_ = node_.advertise<geometry_msgs::WrenchStamped>(servo, 1000);
+}
+
+void ToolNode::subscribe() {
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+  const core::DeviceTopics device = topicsOf(profile_);
   subscribers_ = {
       subscribeChecked<Scene>(
           node_, topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, incidents_),
@@ -46,25 +116,21 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
           node_, topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, incidents_),
       subscribeChecked<GridPatch>(
           node_, topics::kPatch, 2, [this](const GridPatch::ConstPtr& m) { hearPatch(m); }, incidents_),
-      subscribeChecked<sensor_msgs::Joy>(
-          node_, topics::kButtons, 100, [this](const sensor_msgs::Joy::ConstPtr& m) { hearButtons(m); }, incidents_),
-      node_.subscribe(topics::kMeasuredPose, 100, &ToolNode::hearPose, this, hints),
-      node_.subscribe(topics::kMeasuredVelocity, 100, &ToolNode::hearVelocity, this, hints)};
+      node_.subscribe(device.measured_cp, 100, &ToolNode::hearPose, this, hints)};
+  if (!device.measured_cv.empty())
+    subscribers_.push_back(node_.subscribe(device.measured_cv, 100, &ToolNode::hearVelocity, this, hints));
+  for (const core::ButtonSource& source : device.buttons) {
+    subscribers_.push_back(subscribeChecked<sensor_msgs::Joy>(
+        node_, source.topic, 100, [this, source](const sensor_msgs::Joy::ConstPtr& m) { hearButtons(source, *m); },
+        incidents_));
+  }
   reset_service_ = node_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        if (!tools_.empty())
-          publishCut(tool().reset(), poseHeader());
+        loop_->reset();
         response.success = 1;
         response.message = "forces start at zero again";
         return true;
       });
-  watchdog_ =
-      node_.createWallTimer(ros::WallDuration(kWatchInterval_s), [this](const ros::WallTimerEvent&) { watch(); });
-  diagnostics_.setHardwareID("none");
-  diagnostics_.add("tool", this, &ToolNode::diagnose);
-  diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
-                                             [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
 }
 
 void ToolNode::hearScene(const Scene::ConstPtr& message) {
@@ -72,24 +138,59 @@ void ToolNode::hearScene(const Scene::ConstPtr& message) {
     auto scene = std::make_shared<core::Scene>(core::parseScene(message->yaml, "the scene message", "/"));
     const std::lock_guard<std::mutex> lock(mutex_);
     scene_ = std::move(scene);
-    frame_id_ = message->header.frame_id;
-    makeTools();
+    {
+      const std::lock_guard<std::mutex> frame_lock(frame_mutex_);
+      frame_id_ = message->header.frame_id;
+    }
+    makeRig();
   } catch (const core::Error& error) {
     incidents_.report(topics::kScene, error.what());
   }
 }
 
-void ToolNode::makeTools() {
-  tools_.clear();
-  selected_ = 0;
+/// What the device's file says of the device goes before what the scene says.
+core::ToolConfig ToolNode::forDevice(core::ToolConfig config, const core::WorkspaceMapping& mapping) const {
+  config.device = mapping.atTip(profile_->limits);
+  config.safety = mapping.atTip(profile_->safety);
+  core::CouplingConfig& coupling = config.coupling;
+  const double damping = mapping.atTip(profile_->device_damping_n_s_m);
+  coupling.device_damping_n_s_m = damping;
+  coupling.damping_n_s_m = std::min({coupling.damping_n_s_m, 0.5 * damping, config.device.max_damping_n_s_m});
+  coupling.sample_period_s = 1.0 / loop_->settings().rate_hz;
+  // A force waits for the driver's next cycle, which no message tells.
+  coupling.delay_s = profile_->output_delay_s + 1.0 / profile_->rate_hz;
+  config.cutting_drag_n_s_m = std::min(config.cutting_drag_n_s_m, damping);
+  return config;
+}
+
+void ToolNode::makeRig() {
+  auto rig = std::make_unique<ToolRig>();
+  auto notes = std::make_shared<RigNotes>();
+  rig->generation = notes->generation = ++generation_;
+  rig->swap_button = scene_->swap_button;
+  if (profile_)
+    rig->mapping = core::WorkspaceMapping(profile_->mapping, profile_->placeIn(*scene_));
+  notes->frame_id = frame_id_;
+  intakes_.clear();
+  spare_.clear();
   const std::uint64_t first = firstSequence();
-  for (const core::ToolConfig& config : scene_->tools) {
-    tools_.push_back(std::make_unique<core::Tool>(config, first));
+  for (const core::ToolConfig& from_scene : scene_->tools) {
+    const core::ToolConfig config = profile_ ? forDevice(from_scene, rig->mapping) : from_scene;
+    notes->tools.push_back(config);
+    rig->tools.push_back(std::make_unique<core::Tool>(config, first));
+    intakes_.emplace_back(config.id, config.tissue_threshold);
     if (volume_)
-      tools_.back()->setVolume(volume_);
+      intakes_.back().setVolume(volume_);
     if (topologies_.topology())
-      tools_.back()->setTopology(topologies_.topology());
+      intakes_.back().setTopology(topologies_.topology());
   }
+  {
+    const std::lock_guard<std::mutex> lock(notes_mutex_);
+    notes_.push_back(std::move(notes));
+    if (notes_.size() > kRememberedRigs)
+      notes_.pop_front();
+  }
+  loop_->give(std::move(rig));
 }
 
 void ToolNode::hearVolume(const Volume::ConstPtr& message) {
@@ -97,11 +198,8 @@ void ToolNode::hearVolume(const Volume::ConstPtr& message) {
     const VolumeAndLabels content = fromMessage(*message);
     const std::lock_guard<std::mutex> lock(mutex_);
     volume_ = content.volume;
-    for (const auto& tool : tools_) {
-      tool->setVolume(volume_);
-      if (topologies_.topology())
-        tool->setTopology(topologies_.topology());
-    }
+    if (scene_)
+      makeRig();
   } catch (const core::Error& error) {
     incidents_.report(topics::kVolume, error.what());
   }
@@ -110,13 +208,43 @@ void ToolNode::hearVolume(const Volume::ConstPtr& message) {
 void ToolNode::hearTopology(const GridTopology::ConstPtr& message) {
   try {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (takeMessage(*message, topologies_) != core::TopologyDecoder::Result::kApplied || !volume_)
+    if (takeMessage(*message, topologies_) != core::TopologyDecoder::Result::kApplied)
       return;
-    for (const auto& tool : tools_)
-      tool->setTopology(topologies_.topology());
+    bool new_session = false;
+    for (core::PatchIntake& intake : intakes_)
+      new_session |= intake.setTopology(topologies_.topology());
+    if (new_session && volume_)
+      forgetPatches();
   } catch (const core::Error& error) {
     incidents_.report(topics::kTopology, error.what());
   }
+}
+
+PatchParcel ToolNode::emptyParcel(std::size_t tool) {
+  return {intakes_[tool].makeEmpty(), generation_, tool};
+}
+
+/// The tissue of another session is not that of the old one: until its patches come there is none.
+void ToolNode::forgetPatches() {
+  for (std::size_t tool = 0; tool < intakes_.size(); ++tool)
+    loop_->give(emptyParcel(tool));
+}
+
+void ToolNode::prepare(const core::GridPatch& patch, std::size_t tool) {
+  PatchParcel back;
+  while (loop_->takeBack(back)) {
+    if (back.generation == generation_)
+      spare_.push_back(std::move(back));
+  }
+  const auto fits = [&](const PatchParcel& parcel) { return parcel.tool == tool; };
+  const auto reused = std::find_if(spare_.begin(), spare_.end(), fits);
+  PatchParcel parcel = reused != spare_.end() ? std::move(*reused) : emptyParcel(tool);
+  if (reused != spare_.end())
+    spare_.erase(reused);
+  if (!parcel.patch)
+    return;
+  intakes_[tool].fill(patch, parcel.patch.get());
+  loop_->give(std::move(parcel));
 }
 
 void ToolNode::hearPatch(const GridPatch::ConstPtr& message) {
@@ -124,179 +252,213 @@ void ToolNode::hearPatch(const GridPatch::ConstPtr& message) {
     const std::lock_guard<std::mutex> lock(mutex_);
     // Topics are not ordered among each other: a patch of another revision than the topology's is early or late.
     const auto& topology = topologies_.topology();
-    if (!topology || message->session != topology->session || message->revision != topology->revision)
+    if (!topology || !volume_ || message->session != topology->session || message->revision != topology->revision)
       return;
-    for (const auto& tool : tools_) {
-      if (tool->config().id == message->tool_id)
-        tool->setPatch(fromMessage(*message));
+    for (std::size_t tool = 0; tool < intakes_.size(); ++tool) {
+      if (scene_->tools[tool].id == message->tool_id)
+        prepare(fromMessage(*message), tool);
     }
   } catch (const core::Error& error) {
     incidents_.report(topics::kPatch, error.what());
   }
 }
 
+std::string ToolNode::expectedFrame() const {
+  if (profile_)
+    return profile_->base_frame;
+  const std::lock_guard<std::mutex> lock(frame_mutex_);
+  return frame_id_;
+}
+
+/// How long a pose was on its way, as far as the clocks of driver and node agree.
+double ToolNode::poseDelay(const ros::Time& stamp) const {
+  const double delay_s = (ros::Time::now() - stamp).toSec();
+  return delay_s >= 0.0 && delay_s <= kLongestTransport_s ? delay_s : 0.0;
+}
+
 void ToolNode::hearPose(const geometry_msgs::PoseStamped::ConstPtr& message) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  // CRTK: a zero stamp says that the data is not valid. Silence is then what the watchdog acts on.
+  HeardPose heard;
+  heard.heard_s = HapticLoop::now();
+  // CRTK: a zero stamp says that the data is not valid. That, or the same pose again, is silence to the loop.
   if (message->header.stamp.isZero())
     return;
-  if (!message->header.frame_id.empty() && message->header.frame_id != frame_id_) {
+  heard.stamp_ns = static_cast<std::int64_t>(message->header.stamp.toNSec());
+  if (heard.stamp_ns == last_stamp_ns_)
+    return;
+  last_stamp_ns_ = heard.stamp_ns;
+  const std::string frame = expectedFrame();
+  if (!frame.empty() && !message->header.frame_id.empty() && message->header.frame_id != frame) {
     incidents_.report(topics::kMeasuredPose, "the pose is in frame '" + message->header.frame_id + "' and not in '" +
-                                                 frame_id_ + "': transform it before");
+                                                 frame + "': transform it before");
     return;
   }
-  input_.pose = fromPose(message->pose);
-  if (!core::isUsable(input_.pose)) {
+  heard.pose = fromPose(message->pose);
+  if (!core::isUsable(heard.pose))
     incidents_.report(topics::kMeasuredPose, "the pose is not finite or its quaternion is not a rotation");
-  } else {
-    input_.pose.orientation.normalize();
-  }
-  input_.pose_time_s = message->header.stamp.toSec();
-  pose_heard_ = ros::WallTime::now();
-  has_pose_ = true;
-  update();
+  else
+    heard.pose.orientation.normalize();
+  if (!loop_->settings().simulated_time)
+    heard.delay_s = poseDelay(message->header.stamp);
+  loop_->hear(heard);
 }
 
 void ToolNode::hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message) {
-  const std::lock_guard<std::mutex> lock(mutex_);
   if (message->header.stamp.isZero())
     return;
   const core::Vector3 velocity = fromVector(message->twist.linear);
   if (!core::isFinite(velocity)) {
     incidents_.report(topics::kMeasuredVelocity, "the velocity is not finite");
-    input_.velocity_m_s.reset();
     return;
   }
-  input_.velocity_m_s = velocity;
+  loop_->hear(velocity, HapticLoop::now());
 }
 
-void ToolNode::hearButtons(const sensor_msgs::Joy::ConstPtr& message) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  core::Buttons buttons;
-  for (std::size_t b = 0; b < std::min(message->buttons.size(), buttons.size()); ++b)
-    buttons[b] = message->buttons[b] != 0;
-  const bool swap = scene_ && buttons[scene_->swap_button] && !input_.buttons[scene_->swap_button];
-  input_.buttons = buttons;
-  if (swap)
-    swapTool();
-}
-
-/// The tool that is put down lets go of the tissue: reset() ends its contact, and the simulation lets its last force
-/// expire.
-void ToolNode::swapTool() {
-  if (tools_.size() < 2)
-    return;
-  publishCut(tool().reset(), poseHeader());
-  selected_ = (selected_ + 1) % tools_.size();
-  tool().reset();
-  ++swaps_;
-  ROS_INFO("tool in the hand: %s", tool().config().id.c_str());
-}
-
-double ToolNode::now() const {
-  const double now_s = ros::Time::now().toSec();
-  if (!ros::Time::useSystemTime()) {
-    // Simulated time stands still when the simulation dies; the motor must not stay on then.
-    const double silence_s = (ros::WallTime::now() - pose_heard_).toSec();
-    return std::max(now_s, input_.pose_time_s) + std::max(0.0, silence_s - wall_timeout_s_);
+/// CRTK: 1 is pressed, 2 a click that is over.
+void ToolNode::hearButtons(const core::ButtonSource& source, const sensor_msgs::Joy& message) {
+  const std::lock_guard<std::mutex> lock(button_mutex_);
+  for (std::size_t b = 0; b < source.count; ++b) {
+    const std::size_t from = source.first + b;
+    const std::size_t to = source.as + b;
+    if (to < buttons_.size())
+      buttons_[to] = from < message.buttons.size() && message.buttons[from] == 1;
   }
-  return std::max(now_s, input_.pose_time_s);
+  loop_->hear(buttons_);
 }
 
-void ToolNode::watch() {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (!has_pose_ || (ros::WallTime::now() - pose_heard_).toSec() < kWatchInterval_s)
+double ToolNode::simulatedTime(std::int64_t stamp_ns, double heard_ago_s) const {
+  const double time_s = std::max(ros::Time::now().toSec(), 1e-9 * static_cast<double>(stamp_ns));
+  // Simulated time stands still when the simulation dies; the motor must not stay on then.
+  return time_s + std::max(0.0, heard_ago_s - wall_timeout_s_);
+}
+
+void ToolNode::publishTicks() {
+  LoopTick tick;
+  while (running_) {
+    if (loop_->next(tick, kPublisherWait_s))
+      publish(tick);
+  }
+}
+
+std::shared_ptr<const ToolNode::RigNotes> ToolNode::notesOf(std::uint64_t generation) {
+  const std::lock_guard<std::mutex> lock(notes_mutex_);
+  for (const auto& notes : notes_) {
+    if (notes->generation == generation)
+      return notes;
+  }
+  return nullptr;
+}
+
+void ToolNode::publish(const LoopTick& tick) {
+  const auto notes = notesOf(tick.generation);
+  if (!notes)
     return;
-  update();
-}
-
-void ToolNode::update() {
-  if (tools_.empty() || !has_pose_)
-    return;
-  input_.time_s = now();
-  publish(tool().update(input_));
-}
-
-std_msgs::Header ToolNode::poseHeader() const {
+  const std::string& tool_id = notes->tools[tick.tool].id;
   std_msgs::Header header;
-  header.stamp = ros::Time(input_.pose_time_s);
-  header.frame_id = frame_id_;
-  return header;
-}
-
-void ToolNode::publishCut(const std::optional<core::TissueCut>& command, const std_msgs::Header& header) {
-  if (!command)
+  header.stamp.fromNSec(static_cast<std::uint64_t>(tick.stamp_ns));
+  header.frame_id = notes->frame_id;
+  if (tick.output.cut) {
+    ToolCut cut = toMessage(core::toCommand(tool_id, *tick.output.cut));
+    cut.header = header;
+    cut_publisher_.publish(cut);
+  }
+  if (tick.put_down) {
     return;
-  ToolCut cut = toMessage(core::toCommand(tool().config().id, *command));
-  cut.header = header;
-  cut_publisher_.publish(cut);
-}
-
-void ToolNode::publish(const core::ToolOutput& output) {
-  const std_msgs::Header header = poseHeader();
-  geometry_msgs::WrenchStamped servo;
-  servo.header = header;
-  servo.wrench.force = toVector(output.device_force_n);
-  servo_publisher_.publish(servo);
-  if (output.force) {
-    ToolForce force = toMessage(core::toCommand(tool().config().id, *output.force));
+  }
+  if (servo_publisher_) {
+    geometry_msgs::WrenchStamped servo;
+    servo.header = header;
+    if (profile_)
+      servo.header.frame_id = profile_->base_frame;
+    servo.wrench.force = toVector(tick.servo_n);
+    servo_publisher_.publish(servo);
+  }
+  if (tick.output.force) {
+    ToolForce force = toMessage(core::toCommand(tool_id, *tick.output.force));
     force.header = header;
     force_publisher_.publish(force);
   }
-  publishCut(output.cut, header);
-  publishState(output, header);
-  last_output_ = output;
+  publishState(tick, *notes, header);
+  const std::lock_guard<std::mutex> lock(notes_mutex_);
+  newest_ = tick;
 }
 
-void ToolNode::publishState(const core::ToolOutput& output, const std_msgs::Header& header) {
-  const core::ToolConfig& config = tool().config();
-  const core::TickHeader& patch = output.patch;
-  ToolState state;
+void ToolNode::publishState(const LoopTick& tick, const RigNotes& notes, const std_msgs::Header& header) {
+  const core::ToolConfig& config = notes.tools[tick.tool];
+  ToolState state = toMessage(tick.output);
   state.header = header;
-  state.session = patch.session;
-  state.revision = patch.revision;
-  state.step = patch.step;
   state.tool_id = config.id;
   state.sequence = ++state_sequence_;
   state.kind = static_cast<std::uint8_t>(config.kind);
-  state.pose = toPose(input_.pose);
-  state.twist.linear = toVector(output.velocity_m_s);
-  for (std::size_t b = 0; b < 8; ++b)
-    state.buttons.push_back(static_cast<std::uint8_t>(input_.buttons[b]));
+  state.pose = toPose(tick.tip);
+  if (state.in_contact == 0)
+    state.proxy = state.pose;
+  state.proxy.orientation = state.pose.orientation;
+  for (std::size_t b = 0; b < kPublishedButtons; ++b)
+    state.buttons.push_back(static_cast<std::uint8_t>(tick.buttons[b]));
   state.patch_radius = config.patch_radius_m;
-  state.in_contact = static_cast<std::uint8_t>(output.contact.touching);
-  state.surface_point = toPoint(output.contact.surface_point_m);
-  state.surface_normal = toVector(output.contact.normal);
-  state.penetration = output.contact.penetration_m;
-  state.device_force = toVector(output.device_force_n);
-  state.coupling_stiffness = output.coupling_stiffness_n_m;
-  state.pose_stale = static_cast<std::uint8_t>(output.pose_stale);
-  state.saturated = static_cast<std::uint8_t>(output.saturated);
-  state.slew_limited = static_cast<std::uint8_t>(output.slew_limited);
-  state.tripped = static_cast<std::uint8_t>(output.tripped);
-  state.trip_reason = output.tripped ? core::describe(output.fault) : "";
   state_publisher_.publish(state);
 }
 
-void ToolNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+void ToolNode::summarize(diagnostic_updater::DiagnosticStatusWrapper& status, const LoopTick& tick) const {
   using diagnostic_msgs::DiagnosticStatus;
-  if (tools_.empty()) {
-    status.summary(DiagnosticStatus::OK, "waiting for a scene with tools");
-  } else if (!has_pose_) {
-    status.summary(DiagnosticStatus::OK, "waiting for a pose on measured_cp");
-  } else if (last_output_.fault != core::ForceFault::kNone) {
-    status.summary(DiagnosticStatus::WARN, "no force: " + core::describe(last_output_.fault));
+  const core::ToolOutput& output = tick.output;
+  if (output.fault == core::ForceFault::kDisabled && operating_state_ && !operating_state_->allowed())
+    status.summary(DiagnosticStatus::WARN, "no force: " + operating_state_->reason());
+  else if (output.fault != core::ForceFault::kNone)
+    status.summary(DiagnosticStatus::WARN, "no force: " + core::describe(output.fault));
+  else
+    status.summary(DiagnosticStatus::OK, output.contact.touching ? "in contact" : "free");
+  status.add("force on the device [N]", tick.servo_n.norm());
+  status.add("penetration [m]", output.contact.penetration_m);
+  status.add("coupling stiffness [N/m]", output.coupling_stiffness_n_m);
+  status.add("stiffness is bounded by", core::describe(output.stiffness_bound));
+  status.add("period of pose and force [s]", output.timing.period_s);
+  status.add("delay from pose to force [s]", output.timing.delay_s);
+  status.add("interval of patches [s]", output.patch_interval_s);
+  status.add("energy made by the loop [J]", output.made_energy_j);
+  status.add("damping that takes it out [N s/m]", output.passivity_damping_n_s_m);
+  status.add("tripped", output.tripped);
+}
+
+void ToolNode::addLoop(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  const LoopStatistics& loop = loop_->statistics();
+  looked_.push_back({loop.periods.counts(), loop.work.counts()});
+  const Looked& before = looked_.front();
+  if (loop_->settings().simulated_time) {
+    status.add("loop", "a tick for every pose, in simulated time");
   } else {
-    status.summary(DiagnosticStatus::OK, last_output_.contact.touching ? "in contact" : "free");
+    status.addf("loop", "%g Hz, %s", loop_->settings().rate_hz,
+                loop_->realTime() ? "SCHED_FIFO" : "without real-time priority, which was not permitted");
+    addQuantiles(status, "period", since(looked_.back().periods, before.periods));
+    addQuantiles(status, "work of a tick", since(looked_.back().work, before.work));
+    status.add("late ticks", loop.late.load());
   }
-  if (!tools_.empty())
-    status.add("tool", tool().config().id);
-  status.add("force on the device [N]", last_output_.device_force_n.norm());
-  status.add("penetration [m]", last_output_.contact.penetration_m);
-  status.add("coupling stiffness [N/m]", last_output_.coupling_stiffness_n_m);
-  status.add("tripped", last_output_.tripped);
-  status.add("tool swaps", swaps_);
+  if (looked_.size() > kLooksKept)
+    looked_.pop_front();
+  status.add("ticks", loop.ticks.load());
+  status.add("ticks that were not published", loop.lost.load());
+  for (const auto fault : core::kForceFaults)
+    status.add(std::string("times: ") + core::describe(fault), loop.faults[static_cast<std::size_t>(fault)].load());
+  status.add("tool swaps", loop.swaps.load());
+}
+
+void ToolNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  using diagnostic_msgs::DiagnosticStatus;
+  std::optional<LoopTick> newest;
+  {
+    const std::lock_guard<std::mutex> lock(notes_mutex_);
+    newest = newest_;
+    if (notes_.empty() || notes_.back()->tools.empty())
+      status.summary(DiagnosticStatus::OK, "waiting for a scene with tools");
+    else if (!newest)
+      status.summary(DiagnosticStatus::OK, "waiting for a pose on measured_cp");
+  }
+  if (newest) {
+    const auto notes = notesOf(newest->generation);
+    status.add("tool", notes ? notes->tools[newest->tool].id : "");
+    summarize(status, *newest);
+  }
+  addLoop(status);
   incidents_.addTo(status);
 }
 

@@ -47,7 +47,7 @@ void ToolConfig::validate() const {
 }
 
 Tool::Tool(const ToolConfig& config, std::uint64_t first_sequence)
-    : config_((config.validate(), config)),
+    : config_(config),
       intake_(config.id, config.tissue_threshold),
       grasp_(config.grasp_reach_m, config.slip_force_n),
       scalpel_(config.blade_length_m, config.blade_min_move_m),

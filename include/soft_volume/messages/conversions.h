@@ -15,6 +15,7 @@
 #include <soft_volume/ToolCut.h>
 #include <soft_volume/ToolForce.h>
 #include <soft_volume/ToolGrip.h>
+#include <soft_volume/ToolState.h>
 #include <soft_volume/Volume.h>
 
 #include <memory>
@@ -26,6 +27,7 @@
 #include "soft_volume/grid/topology_delta.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/session/session.h"
+#include "soft_volume/tool/tool.h"
 #include "soft_volume/tool/tool_command.h"
 #include "soft_volume/volume/volume.h"
 
@@ -98,6 +100,10 @@ core::ToolForceCommand fromMessage(const ToolForce& message);
 
 ToolCut toMessage(const core::ToolCutCommand& command);
 core::ToolCutCommand fromMessage(const ToolCut& message);
+
+/// What a tick says of itself. Which tool, its pose, buttons and number, and the proxy's orientation are for the
+/// caller.
+ToolState toMessage(const core::ToolOutput& output);
 
 ToolGrip toMessage(const core::ToolGripCommand& command);
 core::ToolGripCommand fromMessage(const ToolGrip& message);

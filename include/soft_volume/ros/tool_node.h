@@ -12,16 +12,23 @@
 #include <std_msgs/Header.h>
 #include <std_srvs/Trigger.h>
 
+#include <atomic>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "soft_volume/grid/topology_delta.h"
+#include "soft_volume/ros/haptic_loop.h"
 #include "soft_volume/ros/incident_log.h"
+#include "soft_volume/ros/operating_state.h"
+#include "soft_volume/scene/device_profile.h"
 #include "soft_volume/scene/scene.h"
+#include "soft_volume/tool/patch_intake.h"
 #include "soft_volume/tool/tool.h"
 
 namespace soft_volume {
@@ -30,63 +37,103 @@ namespace soft_volume {
 /// tool/force, tool/cut, tool/state and servo_cf. One tool is in the hand at a time; the scene's swap button puts the
 /// next one there. Service tool/reset ends a safety trip.
 ///
-/// Private parameters: ~wall_timeout_s (0.25; with use_sim_time: a pose older than this by the wall clock is stale even
-/// though simulated time stands still).
+/// Private parameters: ~device (empty: a file of config/devices with limits, topics and the mapping of the workspace;
+/// without one poses are in the volume frame and the scene says what the device may render); ~rate_hz (the device's, or
+/// 1000); ~priority (50; of SCHED_FIFO); ~wall_timeout_s (0.25; with use_sim_time: a pose older than this by the wall
+/// clock is stale even though simulated time stands still).
 ///
-/// A force is computed at every pose, and every 5 ms without one, so that a device that falls silent is taken to zero.
-/// Threads: all callbacks may come from several threads; one lock serialises them.
+/// Threads: the haptic loop (haptic_loop.h) computes forces and waits for nothing; callbacks, from any threads, prepare
+/// what it needs; a third thread publishes what it gives. Poses age by the monotonic clock from when they were heard;
+/// in simulated time, from their stamps.
 class ToolNode {
  public:
   ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node);
+  ~ToolNode();
   ToolNode(const ToolNode&) = delete;
   ToolNode& operator=(const ToolNode&) = delete;
 
  private:
+  /// What the publishing thread must know of a rig.
+  struct RigNotes {
+    std::uint64_t generation = 0;
+    std::string frame_id;
+    std::vector<core::ToolConfig> tools;
+  };
+
+  void subscribe();
+  void advertise();
   void hearScene(const Scene::ConstPtr& message);
   void hearVolume(const Volume::ConstPtr& message);
   void hearTopology(const GridTopology::ConstPtr& message);
   void hearPatch(const GridPatch::ConstPtr& message);
   void hearPose(const geometry_msgs::PoseStamped::ConstPtr& message);
   void hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message);
-  void hearButtons(const sensor_msgs::Joy::ConstPtr& message);
-  void watch();
+  void hearButtons(const core::ButtonSource& source, const sensor_msgs::Joy& message);
 
-  // Need the lock.
-  void makeTools();
-  void swapTool();
-  void update();
-  double now() const;
-  std_msgs::Header poseHeader() const;
-  void publish(const core::ToolOutput& output);
-  void publishCut(const std::optional<core::TissueCut>& command, const std_msgs::Header& header);
-  void publishState(const core::ToolOutput& output, const std_msgs::Header& header);
-  core::Tool& tool() { return *tools_[selected_]; }
+  // Need the lock of the scene.
+  void makeRig();
+  core::ToolConfig forDevice(core::ToolConfig config, const core::WorkspaceMapping& mapping) const;
+  void forgetPatches();
+  PatchParcel emptyParcel(std::size_t tool);
+  void prepare(const core::GridPatch& patch, std::size_t tool);
+
+  double simulatedTime(std::int64_t stamp_ns, double heard_ago_s) const;
+  double poseDelay(const ros::Time& stamp) const;
+  std::string expectedFrame() const;
+
+  // The publishing thread's.
+  void publishTicks();
+  void publish(const LoopTick& tick);
+  void publishState(const LoopTick& tick, const RigNotes& notes, const std_msgs::Header& header);
+  std::shared_ptr<const RigNotes> notesOf(std::uint64_t generation);
+
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
+  void summarize(diagnostic_updater::DiagnosticStatusWrapper& status, const LoopTick& tick) const;
+  void addLoop(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   ros::NodeHandle node_;
+  std::optional<core::DeviceProfile> profile_;
   double wall_timeout_s_;
   ros::Publisher force_publisher_, cut_publisher_, state_publisher_, servo_publisher_;
-  std::vector<ros::Subscriber> subscribers_;
-  ros::ServiceServer reset_service_;
-  ros::WallTimer watchdog_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   IncidentLog incidents_;
+  std::unique_ptr<OperatingStateListener> operating_state_;
+  std::unique_ptr<HapticLoop> loop_;
 
-  std::mutex mutex_;  // guards everything below
+  std::mutex mutex_;  // guards what the scene made, below, and serialises what goes to the loop
   std::shared_ptr<const core::Scene> scene_;
   std::shared_ptr<const core::Volume> volume_;
   core::TopologyDecoder topologies_;
-  std::string frame_id_ = "volume";
-  std::vector<std::unique_ptr<core::Tool>> tools_;
-  std::size_t selected_ = 0;
+  std::uint64_t generation_ = 0;
+  std::vector<core::PatchIntake> intakes_;  // of the newest rig's tools
+  std::vector<PatchParcel> spare_;
 
-  core::ToolInput input_;
-  bool has_pose_ = false;
-  ros::WallTime pose_heard_;
+  mutable std::mutex frame_mutex_;  // guards frame_id_
+  std::string frame_id_ = "volume";
+  std::int64_t last_stamp_ns_ = 0;  // of the poses; their callbacks come one by one
+
+  std::mutex button_mutex_;  // guards buttons_
+  core::Buttons buttons_;
+
+  std::mutex notes_mutex_;  // guards notes_ and newest_
+  std::deque<std::shared_ptr<const RigNotes>> notes_;
+  std::optional<LoopTick> newest_;
+
+  // The publishing thread's.
   std::uint64_t state_sequence_ = 0;
-  core::ToolOutput last_output_;
-  std::uint64_t swaps_ = 0;
+  std::atomic<bool> running_{true};
+  std::thread publisher_;
+
+  /// Counts at the last diagnostics, so that percentiles are of the last seconds.
+  struct Looked {
+    TimeCounts::Counts periods{};
+    TimeCounts::Counts work{};
+  };
+  std::deque<Looked> looked_;
+
+  std::vector<ros::Subscriber> subscribers_;  // last: nothing is heard before all else is there, or after it has gone
+  ros::ServiceServer reset_service_;
 };
 
 }  // namespace soft_volume

@@ -45,6 +45,10 @@ enum class ForceFault {
   kTripped,        ///< the pose jumped; stays until reset()
 };
 
+inline constexpr std::array<ForceFault, 6> kForceFaults{ForceFault::kStalePose,     ForceFault::kDisabled,
+                                                        ForceFault::kStalePatch,    ForceFault::kUnusablePose,
+                                                        ForceFault::kUnusableForce, ForceFault::kTripped};
+
 /// A sentence for people; empty for kNone.
 std::string describe(ForceFault fault);
 
@@ -80,6 +84,8 @@ class ForceLimiter {
   Output limit(double time_s, const Vector3& wish_n);
 
   bool tripped() const { return tripped_; }
+  /// The device is one that tripped elsewhere.
+  void trip() { tripped_ = true; }
   ForceFault fault() const { return fault_; }
   /// Starts over with zero force and the ramp; a trip stays.
   void restart();

@@ -116,8 +116,9 @@ struct ToolOutput {
 /// the other functions take time and memory. Not thread safe: the caller serialises all calls.
 class Tool {
  public:
-  /// Throws SceneError when the configuration is not valid. Sequence numbers start at `first_sequence`; give a larger
-  /// one than before when a tool restarts while its simulation goes on, because older numbers are refused.
+  /// Needs a valid configuration (of a device with scaled motions the limits may be beyond their ranges). Sequence
+  /// numbers start at `first_sequence`; give a larger one than before when a tool restarts while its simulation goes
+  /// on, because older numbers are refused.
   explicit Tool(const ToolConfig& config, std::uint64_t first_sequence = 1);
 
   const ToolConfig& config() const { return config_; }
@@ -139,6 +140,9 @@ class Tool {
   /// Ends a trip, a contact and a stroke; forces start at zero again. Returns the end of the stroke where one was under
   /// way, to be sent to the tissue.
   std::optional<TissueCut> reset();
+  bool tripped() const { return limiter_.tripped(); }
+  /// The device tripped in the hand of another tool.
+  void trip() { limiter_.trip(); }
   /// Session, revision and step of the patch in use; zeros before one came.
   const TickHeader& patchHeader() const { return header_; }
   /// Deformed cells in use; null before a volume came.
