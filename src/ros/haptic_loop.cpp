@@ -110,10 +110,6 @@ void HapticLoop::hear(const core::Vector3& velocity_m_s, double heard_s) {
   velocities_.push({velocity_m_s, heard_s});
 }
 
-void HapticLoop::hear(const core::Buttons& buttons) {
-  buttons_.push(buttons);
-}
-
 bool HapticLoop::next(LoopTick& tick, double wait_s) {
   if (ticks_.pop(tick))
     return true;
@@ -174,10 +170,10 @@ void HapticLoop::runSimulated() {
     takeRig();
     takeReset();
     takePatches();
-    takeButtons();
     bool ticked = false;
     while (takePose()) {
       takePatches();
+      takeButtons();
       if (ready())
         tick(input_.time_s);
       ticked = true;
@@ -185,6 +181,7 @@ void HapticLoop::runSimulated() {
     const double ago_s = now() - pose_.heard_s;
     if (ticked || !ready() || ago_s < kPatience)
       continue;
+    takeButtons();
     tick(settings_.simulated_time(pose_.stamp_ns, ago_s));
   }
 }
@@ -235,13 +232,10 @@ void HapticLoop::takeReset() {
 }
 
 void HapticLoop::takeButtons() {
-  core::Buttons buttons;
-  while (buttons_.pop(buttons)) {
-    const core::Buttons before = input_.buttons;
-    input_.buttons = buttons;
-    if (rig_ && buttons[rig_->swap_button] && !before[rig_->swap_button])
-      swapTool();
-  }
+  const core::Buttons before = input_.buttons;
+  input_.buttons = settings_.buttons();
+  if (rig_ && input_.buttons[rig_->swap_button] && !before[rig_->swap_button])
+    swapTool();
 }
 
 /// The tool that is put down lets go of the tissue: reset() ends its contact, and the simulation lets its last force

@@ -20,6 +20,7 @@ namespace soft_volume {
 namespace {
 
 constexpr double kPublisherWait_s = 0.1;
+constexpr double kFarewell_s = 0.05;  // for a last message to leave
 constexpr std::size_t kPublishedButtons = 8;
 constexpr std::size_t kRememberedRigs = 8;
 constexpr std::size_t kLooksKept = 10;  // seconds of percentiles
@@ -45,7 +46,7 @@ core::DeviceTopics topicsOf(const std::optional<core::DeviceProfile>& profile) {
   topics.measured_cp = topics::kMeasuredPose;
   topics.measured_cv = topics::kMeasuredVelocity;
   topics.servo_cf = topics::kServoForce;
-  topics.buttons = {{topics::kButtons, 0, static_cast<std::uint32_t>(core::Buttons().size()), 0}};
+  topics.buttons = {{topics::kButtons, std::nullopt, 0, static_cast<std::uint32_t>(core::Buttons().size()), 0}};
   return topics;
 }
 
@@ -69,17 +70,21 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
     : node_(node),
       profile_(loadProfile(private_node)),
       wall_timeout_s_(parameter<double>(private_node, "wall_timeout_s", 0.25, 0.02, 10.0)),
-      diagnostics_(node, private_node) {
+      diagnostics_(node, private_node),
+      device_handle_(node) {
+  device_handle_.setCallbackQueue(&device_queue_);
   HapticLoop::Settings settings;
   settings.rate_hz = parameter<double>(private_node, "rate_hz", profile_ ? profile_->rate_hz : 1000.0, 20.0, 4000.0);
   settings.priority = parameter<int>(private_node, "priority", 50, 1, 99);
   if (!ros::Time::useSystemTime())
     settings.simulated_time = [this](std::int64_t stamp_ns, double ago_s) { return simulatedTime(stamp_ns, ago_s); };
   if (profile_) {
-    operating_state_ = std::make_unique<OperatingStateListener>(node_, profile_->topics.operating_state,
+    operating_state_ = std::make_unique<OperatingStateListener>(device_handle_, profile_->topics.operating_state,
                                                                 profile_->needs_homing, incidents_);
     settings.forces_allowed = [this] { return operating_state_->allowed(); };
   }
+  device_buttons_ = std::make_unique<DeviceButtons>(device_handle_, topicsOf(profile_).buttons, incidents_);
+  settings.buttons = [this] { return device_buttons_->buttons(); };
   advertise();
   loop_ = std::make_unique<HapticLoop>(settings);
   publisher_ = std::thread([this] { publishTicks(); });
@@ -88,11 +93,19 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
   diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
                                              [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
   subscribe();
+  device_spinner_.start();
 }
 
 ToolNode::~ToolNode() {
+  subscribers_.clear();
+  device_spinner_.stop();
   running_ = false;
   publisher_.join();
+  // A driver may hold the last force that it heard.
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  publishServo(core::Vector3::Zero(), header);
+  ros::WallDuration(kFarewell_s).sleep();
 }
 
 void ToolNode::advertise() {
@@ -115,15 +128,10 @@ void ToolNode::subscribe() {
       subscribeChecked<GridTopology>(
           node_, topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, incidents_),
       subscribeChecked<GridPatch>(
-          node_, topics::kPatch, 2, [this](const GridPatch::ConstPtr& m) { hearPatch(m); }, incidents_),
-      node_.subscribe(device.measured_cp, 100, &ToolNode::hearPose, this, hints)};
+          node_, topics::kPatch, 2, [this](const GridPatch::ConstPtr& m) { hearPatch(m); }, incidents_)};
+  subscribers_.push_back(device_handle_.subscribe(device.measured_cp, 100, &ToolNode::hearPose, this, hints));
   if (!device.measured_cv.empty())
-    subscribers_.push_back(node_.subscribe(device.measured_cv, 100, &ToolNode::hearVelocity, this, hints));
-  for (const core::ButtonSource& source : device.buttons) {
-    subscribers_.push_back(subscribeChecked<sensor_msgs::Joy>(
-        node_, source.topic, 100, [this, source](const sensor_msgs::Joy::ConstPtr& m) { hearButtons(source, *m); },
-        incidents_));
-  }
+    subscribers_.push_back(device_handle_.subscribe(device.measured_cv, 100, &ToolNode::hearVelocity, this, hints));
   reset_service_ = node_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
         loop_->reset();
@@ -313,18 +321,6 @@ void ToolNode::hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message
   loop_->hear(velocity, HapticLoop::now());
 }
 
-/// CRTK: 1 is pressed, 2 a click that is over.
-void ToolNode::hearButtons(const core::ButtonSource& source, const sensor_msgs::Joy& message) {
-  const std::lock_guard<std::mutex> lock(button_mutex_);
-  for (std::size_t b = 0; b < source.count; ++b) {
-    const std::size_t from = source.first + b;
-    const std::size_t to = source.as + b;
-    if (to < buttons_.size())
-      buttons_[to] = from < message.buttons.size() && message.buttons[from] == 1;
-  }
-  loop_->hear(buttons_);
-}
-
 double ToolNode::simulatedTime(std::int64_t stamp_ns, double heard_ago_s) const {
   const double time_s = std::max(ros::Time::now().toSec(), 1e-9 * static_cast<double>(stamp_ns));
   // Simulated time stands still when the simulation dies; the motor must not stay on then.
@@ -361,17 +357,9 @@ void ToolNode::publish(const LoopTick& tick) {
     cut.header = header;
     cut_publisher_.publish(cut);
   }
-  if (tick.put_down) {
+  if (tick.put_down)
     return;
-  }
-  if (servo_publisher_) {
-    geometry_msgs::WrenchStamped servo;
-    servo.header = header;
-    if (profile_)
-      servo.header.frame_id = profile_->base_frame;
-    servo.wrench.force = toVector(tick.servo_n);
-    servo_publisher_.publish(servo);
-  }
+  publishServo(tick.servo_n, header);
   if (tick.output.force) {
     ToolForce force = toMessage(core::toCommand(tool_id, *tick.output.force));
     force.header = header;
@@ -380,6 +368,17 @@ void ToolNode::publish(const LoopTick& tick) {
   publishState(tick, *notes, header);
   const std::lock_guard<std::mutex> lock(notes_mutex_);
   newest_ = tick;
+}
+
+void ToolNode::publishServo(const core::Vector3& force_n, std_msgs::Header header) {
+  if (!servo_publisher_)
+    return;
+  geometry_msgs::WrenchStamped servo;
+  servo.header = std::move(header);
+  if (profile_)
+    servo.header.frame_id = profile_->base_frame;
+  servo.wrench.force = toVector(force_n);
+  servo_publisher_.publish(servo);
 }
 
 void ToolNode::publishState(const LoopTick& tick, const RigNotes& notes, const std_msgs::Header& header) {

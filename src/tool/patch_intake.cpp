@@ -3,24 +3,10 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <limits>
 
 #include "soft_volume/common/error.h"
 
 namespace soft_volume::core {
-namespace {
-
-double softest(const GridPatch& patch) {
-  double softest_pa = std::numeric_limits<double>::infinity();
-  for (const float pa : patch.stiffness_pa) {
-    if (pa > 0.0F)
-      softest_pa = std::min(softest_pa, double(pa));
-  }
-  return softest_pa;
-}
-
-}  // namespace
-
 void PatchIntake::setVolume(std::shared_ptr<const Volume> volume) {
   volume_ = std::move(volume);
   topology_.reset();
@@ -52,7 +38,6 @@ void PatchIntake::fill(const GridPatch& patch, ReadyPatch* ready) const {
   if (!(std::isfinite(patch.blade_resistance_n) && patch.blade_resistance_n >= 0.0))
     throw InputError("grid patch: the blade's resistance is not a number from 0 on; wait for the next patch");
   ready->field.update(*topology_, patch);
-  ready->softest_pa = softest(patch);
   ready->blade_resistance_n = patch.blade_resistance_n;
   ready->session = patch.session;
   ready->revision = patch.revision;

@@ -95,7 +95,7 @@ std::unique_ptr<ReadyPatch> Tool::takePatch(std::unique_ptr<ReadyPatch> patch) {
   header_.revision = patch->revision;
   header_.step = patch->step;
   patch_is_new_ = true;
-  if (patch_)
+  if (patch_ && patches_.interval() > 0.0)
     patch->field.beginFrom(patch_->field, patches_.interval());
   std::swap(patch_, patch);
   return patch;
@@ -199,7 +199,9 @@ void Tool::press(const ToolInput& input) {
 /// Jaws that hold tissue feel nothing else.
 bool Tool::grip(const ToolInput& input, ToolOutput& output) {
   const bool closed = input.buttons.test(config_.grasp_button);
+  const bool held = grasp_.holding();
   const Grasp::Hold hold = grasp_.update(patch_->field, input.pose.position_m, closed, coupling_.stiffness_n_m());
+  in_incision_ |= held && !hold.holding;  // what was held may lie around the tip: as after a cut
   if (!hold.holding)
     return false;
   output.gripping = true;
@@ -256,9 +258,11 @@ void Tool::watchTime(const ToolInput& input) {
 }
 
 double Tool::tissueBound() const {
-  if (!patch_)
+  const double footprint_m = config_.footprint_radius_m;
+  const double modulus_pa = patch_ && has_pose_ ? patch_->field.youngsModulus(position_m_, footprint_m) : 0.0;
+  if (modulus_pa == 0.0)  // no tissue
     return std::numeric_limits<double>::infinity();
-  return kTissueShare * 2.0 * patch_->softest_pa * config_.footprint_radius_m / (1.0 - kPoisson * kPoisson);
+  return kTissueShare * 2.0 * modulus_pa * footprint_m / (1.0 - kPoisson * kPoisson);
 }
 
 void Tool::observe(const ToolInput& input, const Vector3& force_n) {

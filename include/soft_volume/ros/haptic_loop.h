@@ -94,7 +94,8 @@ class HapticLoop {
     int priority = 50;  ///< of SCHED_FIFO
     /// Where time is simulated: what it is for a pose with this stamp [s], that was heard so long ago [s].
     std::function<double(std::int64_t stamp_ns, double heard_ago_s)> simulated_time;
-    std::function<bool()> forces_allowed = [] { return true; };  ///< by the device; must not wait
+    std::function<core::Buttons()> buttons = [] { return core::Buttons(); };  ///< held now; must not wait
+    std::function<bool()> forces_allowed = [] { return true; };               ///< by the device; must not wait
   };
 
   explicit HapticLoop(Settings settings);
@@ -111,7 +112,6 @@ class HapticLoop {
   void give(PatchParcel parcel);
   void hear(const HeardPose& pose);
   void hear(const core::Vector3& velocity_m_s, double heard_s);
-  void hear(const core::Buttons& buttons);
   void reset() { ++resets_asked_; }
 
   /// A patch's memory that the loop no longer needs, for reuse. By the thread that gives parcels.
@@ -162,7 +162,6 @@ class HapticLoop {
   core::SpscRing<ToolRig*, 8> old_rigs_;
   core::SpscRing<HeardPose, 1024> poses_;
   core::SpscRing<HeardVelocity, 1024> velocities_;
-  core::SpscRing<core::Buttons, 256> buttons_;
   core::SpscRing<LoopTick, 1024> ticks_;
 
   // The loop's own.

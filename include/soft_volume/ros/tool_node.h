@@ -3,7 +3,9 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/TwistStamped.h>
+#include <ros/callback_queue.h>
 #include <ros/node_handle.h>
+#include <ros/spinner.h>
 #include <sensor_msgs/Joy.h>
 #include <soft_volume/GridPatch.h>
 #include <soft_volume/GridTopology.h>
@@ -23,6 +25,7 @@
 #include <vector>
 
 #include "soft_volume/grid/topology_delta.h"
+#include "soft_volume/ros/device_buttons.h"
 #include "soft_volume/ros/haptic_loop.h"
 #include "soft_volume/ros/incident_log.h"
 #include "soft_volume/ros/operating_state.h"
@@ -43,8 +46,8 @@ namespace soft_volume {
 /// clock is stale even though simulated time stands still).
 ///
 /// Threads: the haptic loop (haptic_loop.h) computes forces and waits for nothing; callbacks, from any threads, prepare
-/// what it needs; a third thread publishes what it gives. Poses age by the monotonic clock from when they were heard;
-/// in simulated time, from their stamps.
+/// what it needs, those of the device in a thread of their own; another one publishes what it gives. Poses age by the
+/// monotonic clock from when they were heard; in simulated time, from their stamps.
 class ToolNode {
  public:
   ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node);
@@ -68,7 +71,6 @@ class ToolNode {
   void hearPatch(const GridPatch::ConstPtr& message);
   void hearPose(const geometry_msgs::PoseStamped::ConstPtr& message);
   void hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message);
-  void hearButtons(const core::ButtonSource& source, const sensor_msgs::Joy& message);
 
   // Need the lock of the scene.
   void makeRig();
@@ -84,6 +86,7 @@ class ToolNode {
   // The publishing thread's.
   void publishTicks();
   void publish(const LoopTick& tick);
+  void publishServo(const core::Vector3& force_n, std_msgs::Header header);
   void publishState(const LoopTick& tick, const RigNotes& notes, const std_msgs::Header& header);
   std::shared_ptr<const RigNotes> notesOf(std::uint64_t generation);
 
@@ -98,7 +101,11 @@ class ToolNode {
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   IncidentLog incidents_;
+  ros::CallbackQueue device_queue_;  // of its own, so that no volume or patch holds a pose up
+  ros::AsyncSpinner device_spinner_{1, &device_queue_};
+  ros::NodeHandle device_handle_;
   std::unique_ptr<OperatingStateListener> operating_state_;
+  std::unique_ptr<DeviceButtons> device_buttons_;
   std::unique_ptr<HapticLoop> loop_;
 
   std::mutex mutex_;  // guards what the scene made, below, and serialises what goes to the loop
@@ -112,9 +119,6 @@ class ToolNode {
   mutable std::mutex frame_mutex_;  // guards frame_id_
   std::string frame_id_ = "volume";
   std::int64_t last_stamp_ns_ = 0;  // of the poses; their callbacks come one by one
-
-  std::mutex button_mutex_;  // guards buttons_
-  core::Buttons buttons_;
 
   std::mutex notes_mutex_;  // guards notes_ and newest_
   std::deque<std::shared_ptr<const RigNotes>> notes_;

@@ -26,7 +26,6 @@ struct ReadyPatch {
   std::uint32_t revision = 0;
   std::uint64_t step = 0;
   double blade_resistance_n = 0.0;
-  double softest_pa = 0.0;  ///< smallest Young's modulus of the cells; infinite without any
 };
 
 /// Makes patches of one tool ready, which takes time and memory, so that its loop need only swap them in. Not thread
