@@ -14,6 +14,7 @@ namespace {
 constexpr double kFirstBin = 1e-6;  // seconds
 constexpr double kBinsPerOctave = 16.0;
 constexpr double kPatience = 0.005;     // seconds after which there is a tick without a pose, in simulated time
+constexpr double kFresh = 0.02;         // seconds behind simulated time in which a pose is as if new
 constexpr double kVelocityLife = 0.02;  // seconds that a measured velocity may be older than its pose
 constexpr double kWantedPhase = 0.25;   // of a period, from a pose to its tick
 constexpr double kLargestShift = 0.02;  // of a period, per tick
@@ -182,8 +183,22 @@ void HapticLoop::runSimulated() {
     if (ticked || !ready() || ago_s < kPatience)
       continue;
     takeButtons();
-    tick(settings_.simulated_time(pose_.stamp_ns, ago_s));
+    tick(simulatedSilenceTime(ago_s));
   }
+}
+
+double HapticLoop::simulatedPoseTime() const {
+  const double stamp_s = 1e-9 * static_cast<double>(pose_.stamp_ns);
+  const double now_s = settings_.simulated_time();
+  const double time_s = now_s - stamp_s <= kFresh ? stamp_s : now_s;
+  const double back_s = input_.time_s - time_s;  // ticks of a silence may have been later
+  return back_s > 0.0 && back_s <= kFresh ? input_.time_s : time_s;
+}
+
+/// Simulated time stands still when the simulation dies; the motor must not stay on then.
+double HapticLoop::simulatedSilenceTime(double silent_s) const {
+  const double stamp_s = 1e-9 * static_cast<double>(pose_.stamp_ns);
+  return std::max(settings_.simulated_time(), stamp_s) + std::max(0.0, silent_s - settings_.wall_timeout_s);
 }
 
 void HapticLoop::takeAll() {
@@ -271,7 +286,7 @@ bool HapticLoop::takePose() {
   }
   if (settings_.simulated_time) {
     input_.pose_time_s = 1e-9 * static_cast<double>(pose_.stamp_ns);
-    input_.time_s = settings_.simulated_time(pose_.stamp_ns, 0.0);
+    input_.time_s = simulatedPoseTime();
   } else {
     input_.pose_time_s = pose_.heard_s;
     input_.pose_delay_s = pose_.delay_s;

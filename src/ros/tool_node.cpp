@@ -67,17 +67,14 @@ void addQuantiles(diagnostic_updater::DiagnosticStatusWrapper& status, const std
 }  // namespace
 
 ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
-    : node_(node),
-      profile_(loadProfile(private_node)),
-      wall_timeout_s_(parameter<double>(private_node, "wall_timeout_s", 0.25, 0.02, 10.0)),
-      diagnostics_(node, private_node),
-      device_handle_(node) {
+    : node_(node), profile_(loadProfile(private_node)), diagnostics_(node, private_node), device_handle_(node) {
   device_handle_.setCallbackQueue(&device_queue_);
   HapticLoop::Settings settings;
   settings.rate_hz = parameter<double>(private_node, "rate_hz", profile_ ? profile_->rate_hz : 1000.0, 20.0, 4000.0);
   settings.priority = parameter<int>(private_node, "priority", 50, 1, 99);
+  settings.wall_timeout_s = parameter<double>(private_node, "wall_timeout_s", 0.25, 0.02, 10.0);
   if (!ros::Time::useSystemTime())
-    settings.simulated_time = [this](std::int64_t stamp_ns, double ago_s) { return simulatedTime(stamp_ns, ago_s); };
+    settings.simulated_time = [] { return ros::Time::now().toSec(); };
   if (profile_) {
     operating_state_ = std::make_unique<OperatingStateListener>(device_handle_, profile_->topics.operating_state,
                                                                 profile_->needs_homing, incidents_);
@@ -319,12 +316,6 @@ void ToolNode::hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message
     return;
   }
   loop_->hear(velocity, HapticLoop::now());
-}
-
-double ToolNode::simulatedTime(std::int64_t stamp_ns, double heard_ago_s) const {
-  const double time_s = std::max(ros::Time::now().toSec(), 1e-9 * static_cast<double>(stamp_ns));
-  // Simulated time stands still when the simulation dies; the motor must not stay on then.
-  return time_s + std::max(0.0, heard_ago_s - wall_timeout_s_);
 }
 
 void ToolNode::publishTicks() {

@@ -252,8 +252,12 @@ void Tool::watchTime(const ToolInput& input) {
   if (patch_)
     patch_->field.advance(clock_s_ ? std::max(0.0, input.time_s - *clock_s_) : 0.0);
   clock_s_ = input.time_s;
-  meter_.tick(input.time_s, input.pose_time_s, input.pose_delay_s);
-  const bool loaded = contact_.touching || grasp_.holding() || resistance_.loaded() || pushing_;
+  if (poseFault())
+    meter_.pause();
+  else
+    meter_.tick(input.time_s, input.pose_time_s, input.pose_delay_s);
+  const bool touching = contact_.touching || grasp_.holding() || resistance_.loaded();
+  const bool loaded = pushing_ || (touching && limiter_.fault() == ForceFault::kNone);
   coupling_.update(meter_.timing(), tissueBound(), loaded);
 }
 
@@ -265,8 +269,12 @@ double Tool::tissueBound() const {
   return kTissueShare * 2.0 * modulus_pa * footprint_m / (1.0 - kPoisson * kPoisson);
 }
 
+bool Tool::poseFault() const {
+  return limiter_.fault() == ForceFault::kStalePose || limiter_.fault() == ForceFault::kUnusablePose;
+}
+
 void Tool::observe(const ToolInput& input, const Vector3& force_n) {
-  if (limiter_.fault() == ForceFault::kStalePose || limiter_.fault() == ForceFault::kUnusablePose) {
+  if (poseFault()) {
     passivity_.reset();
     return;
   }
@@ -283,7 +291,7 @@ void Tool::observe(const ToolInput& input, const Vector3& force_n) {
 
 void Tool::report(ToolOutput& output) const {
   output.fault = limiter_.fault();
-  output.pose_stale = output.fault == ForceFault::kStalePose || output.fault == ForceFault::kUnusablePose;
+  output.pose_stale = poseFault();
   output.patch_stale = output.fault == ForceFault::kStalePatch;
   output.tripped = limiter_.tripped();
   if (output.fault == ForceFault::kNone)

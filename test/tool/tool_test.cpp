@@ -202,6 +202,17 @@ TEST_F(ToolTest, SlowPosesMakeTheCouplingSofter) {
   EXPECT_EQ(output_.coupling_stiffness_n_m, before);
 }
 
+TEST_F(ToolTest, ADeviceThatWasSilentForAWhileMakesNothingSofter) {
+  start(probeConfig());
+  moveTo(kDeep);
+  const double before = output_.coupling_stiffness_n_m;
+  for (int n = 0; n < 300; ++n)
+    silentCycle();
+  hold(0.3);
+  EXPECT_EQ(output_.coupling_stiffness_n_m, before);
+  EXPECT_GT(output_.device_force_n.norm(), 0.5);
+}
+
 TEST(ToolCommandTest, CommandsOfATickAreWholeCommandsOfItsTool) {
   TissueForce force;
   force.header = {7, 3, 99, 12};

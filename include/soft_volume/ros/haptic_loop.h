@@ -86,14 +86,15 @@ struct LoopStatistics {
 /// wait. With the driver's poses at the loop's rate or a fraction of it, the ticks are shifted (by up to 2 % of a
 /// period each) to come a quarter of a period after the poses.
 ///
-/// In simulated time there is nothing to keep up with: a tick follows every pose, on the clock of the poses.
+/// In simulated time there is nothing to keep up with: a tick follows every pose, at the time of its stamp if that is
+/// not 20 ms old, so that what the loop measures does not depend on how fast the machine is.
 class HapticLoop {
  public:
   struct Settings {
     double rate_hz = 1000.0;
-    int priority = 50;  ///< of SCHED_FIFO
-    /// Where time is simulated: what it is for a pose with this stamp [s], that was heard so long ago [s].
-    std::function<double(std::int64_t stamp_ns, double heard_ago_s)> simulated_time;
+    int priority = 50;                       ///< of SCHED_FIFO
+    std::function<double()> simulated_time;  ///< [s]; empty where time is real
+    double wall_timeout_s = 0.25;            ///< real time without a pose after which simulated time is taken to go on
     std::function<core::Buttons()> buttons = [] { return core::Buttons(); };  ///< held now; must not wait
     std::function<bool()> forces_allowed = [] { return true; };               ///< by the device; must not wait
   };
@@ -147,6 +148,8 @@ class HapticLoop {
   void publish(const LoopTick& tick);
   void count(const core::ToolOutput& output);
   double phaseShift(double time_s) const;
+  double simulatedPoseTime() const;
+  double simulatedSilenceTime(double silent_s) const;
 
   Settings settings_;
   LoopStatistics statistics_;

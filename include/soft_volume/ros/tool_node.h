@@ -79,7 +79,6 @@ class ToolNode {
   PatchParcel emptyParcel(std::size_t tool);
   void prepare(const core::GridPatch& patch, std::size_t tool);
 
-  double simulatedTime(std::int64_t stamp_ns, double heard_ago_s) const;
   double poseDelay(const ros::Time& stamp) const;
   std::string expectedFrame() const;
 
@@ -96,7 +95,6 @@ class ToolNode {
 
   ros::NodeHandle node_;
   std::optional<core::DeviceProfile> profile_;
-  double wall_timeout_s_;
   ros::Publisher force_publisher_, cut_publisher_, state_publisher_, servo_publisher_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;

@@ -48,6 +48,8 @@ class LoopMeter {
  public:
   /// Once per tick. `delay_s`: what is known to have passed between the measurement of the pose and `pose_time_s`.
   void tick(double time_s, double pose_time_s, double delay_s);
+  /// There is no pose to be used: a gap of the device is a fault, and no measure of the loop.
+  void pause() { started_ = false; }
   /// Zeros before the second pose.
   LoopTiming timing() const;
   void reset() { *this = LoopMeter(); }

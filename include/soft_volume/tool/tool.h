@@ -173,6 +173,7 @@ class Tool {
   void press(const ToolInput& input);
   Vector3 springForce(ToolOutput& output) const;
   double tissueBound() const;
+  bool poseFault() const;
   void observe(const ToolInput& input, const Vector3& force_n);
   void commandForce(ToolOutput& output);
   void report(ToolOutput& output) const;
