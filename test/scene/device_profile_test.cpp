@@ -216,6 +216,32 @@ TEST(DeviceProfile, EveryShippedFileLoadsWithTheLimitsOfItsDevice) {
   EXPECT_EQ(files, 8u);
 }
 
+struct Directions {
+  const char* file;
+  Vector3 right, away, up;  // for the user, in the base frame
+  Vector3 shaft;            // to the hand, in the handle's frame
+};
+
+/// As the drivers define their frames.
+TEST(DeviceProfile, EveryShippedFileKnowsWhereTheUserIs) {
+  const Vector3 x = Vector3::UnitX(), y = Vector3::UnitY(), z = Vector3::UnitZ();
+  const Directions expected[] = {{"virtual", x, y, z, z},          {"sensable_phantom", x, -z, y, z},
+                                 {"force_dimension", y, -x, z, x}, {"falcon", y, -x, z, x},
+                                 {"dvrk_mtm", -x, z, y, -z},       {"omni", x, y, z, z}};
+  for (const Directions& device : expected) {
+    SCOPED_TRACE(device.file);
+    const auto mapping =
+        loadDeviceProfile(SOFT_VOLUME_SOURCE_DIR "/config/devices/" + std::string(device.file) + ".yaml").mapping;
+    EXPECT_TRUE((mapping.orientation * device.right).isApprox(x, 1e-9));
+    EXPECT_TRUE((mapping.orientation * device.away).isApprox(y, 1e-9));
+    EXPECT_TRUE((mapping.orientation * device.up).isApprox(z, 1e-9));
+    EXPECT_TRUE((mapping.handle_orientation * z).isApprox(device.shaft, 1e-9));
+  }
+  const auto mouse = loadDeviceProfile(SOFT_VOLUME_SOURCE_DIR "/config/devices/spacenav.yaml").mapping;
+  EXPECT_TRUE((mouse.orientation * x).isApprox(y, 1e-9));   // forward is away
+  EXPECT_TRUE((mouse.orientation * y).isApprox(-x, 1e-9));  // left
+}
+
 TEST(DeviceProfile, AMissingFileSaysWhereTheOthersAre) {
   try {
     loadDeviceProfile("no/such/file.yaml");
