@@ -65,11 +65,11 @@ void PassivityControl::observe(const Tick& tick) {
   remember(tick);
 }
 
-double PassivityControl::damping(const Vector3& velocity_m_s) const {
+double PassivityControl::damping(const Vector3& velocity_m_s, double most_n_s_m) const {
   const double squared = velocity_m_s.squaredNorm();
   if (!(made_j_ > 0.0 && squared > 0.0))
     return 0.0;
-  return std::min(max_damping_n_s_m_, made_j_ / (squared * kTakeOut));
+  return std::min(most_n_s_m, made_j_ / (squared * kTakeOut));
 }
 
 }  // namespace soft_volume::core

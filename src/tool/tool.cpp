@@ -52,9 +52,7 @@ Tool::Tool(const ToolConfig& config, std::uint64_t first_sequence)
       grasp_(config.grasp_reach_m, config.slip_force_n),
       scalpel_(config.blade_length_m, config.blade_min_move_m),
       coupling_(config.coupling, config.device),
-      passivity_(std::min(config.device.max_damping_n_s_m,
-                          config.coupling.device_damping_n_s_m - std::abs(config.coupling.damping_n_s_m)),
-                 config.coupling.delay_s),
+      passivity_(config.coupling.delay_s),
       limiter_(config.device, config.safety),
       force_sequence_(first_sequence),
       cut_sequence_(first_sequence) {}
@@ -110,14 +108,14 @@ std::optional<TissueCut> Tool::reset() {
 void Tool::forgetContact() {
   proxy_.reset();
   grasp_.reset();
+  resistance_.reset();
+  cut_pose_.reset();
   contact_ = {};
   in_incision_ = false;
   has_pose_ = false;
 }
 
 std::optional<TissueCut> Tool::lift() {
-  resistance_.reset();
-  cut_pose_.reset();
   if (!scalpel_.lift())
     return std::nullopt;
   return TissueCut{nextHeader(cut_sequence_), std::nullopt, true};
@@ -152,20 +150,27 @@ Vector3 Tool::cut(const ToolInput& input, ToolOutput& output) {
   proxy_.reset();
   push_point_m_ = input.pose.position_m;
   push_cell_.reset();
-  if (output.cutting)
-    return cuttingForce(input.pose.position_m, input.pose_time_s);
-  resistance_.reset();
-  cut_pose_.reset();
-  return Vector3::Zero();
+  const double resistance_n = output.cutting ? patch_->blade_resistance_n : 0.0;
+  const double drag_n_s_m = output.cutting ? config_.cutting_drag_n_s_m : 0.0;
+  return resistance(input, resistance_n) - drag_n_s_m * velocity_m_s_;
 }
 
-Vector3 Tool::cuttingForce(const Vector3& position_m, double time_s) {
-  const CutPose before = cut_pose_.value_or(CutPose{position_m, time_s});
-  const double dt_s = std::max(0.0, time_s - before.time_s);
-  cut_pose_ = CutPose{position_m, time_s};
-  return resistance_.update(position_m - before.position_m, dt_s, patch_->blade_resistance_n,
-                            coupling_.stiffness_n_m()) -
-         config_.cutting_drag_n_s_m * velocity_m_s_;
+/// Also after the cut, until the force has faded.
+Vector3 Tool::resistance(const ToolInput& input, double resistance_n) {
+  const CutPose now{input.pose.position_m, input.pose_time_s};
+  const CutPose before = cut_pose_.value_or(now);
+  cut_pose_ = now;
+  return resistance_.update(now.position_m - before.position_m, std::max(0.0, now.time_s - before.time_s), resistance_n,
+                            coupling_.stiffness_n_m());
+}
+
+/// Twice what sampling and delay make of energy per speed at this stiffness, but no more than is passive.
+double Tool::dampingBound() const {
+  const CouplingConfig& coupling = config_.coupling;
+  const LoopTiming& timing = coupling_.timing();
+  const double made = coupling_.stiffness_n_m() * (0.5 * timing.period_s + timing.delay_s);
+  return std::min(
+      {2.0 * made, config_.device.max_damping_n_s_m, coupling.device_damping_n_s_m - coupling.damping_n_s_m});
 }
 
 Vector3 Tool::springForce(ToolOutput& output) const {
@@ -174,7 +179,7 @@ Vector3 Tool::springForce(ToolOutput& output) const {
     return Vector3::Zero();
   const Vector3 axis = spring_.stretch_m / stretch;
   const Vector3 speed = (velocity_m_s_ - spring_.surface_velocity_m_s).dot(axis) * axis;
-  output.passivity_damping_n_s_m = passivity_.damping(speed);
+  output.passivity_damping_n_s_m = passivity_.damping(speed, dampingBound());
   const double damping = config_.coupling.damping_n_s_m + output.passivity_damping_n_s_m;
   const Vector3 force = coupling_.stiffness_n_m() * spring_.stretch_m - damping * speed;
   return force.dot(axis) > 0.0 ? force : Vector3::Zero();  // it never pushes the tip into the tissue
@@ -218,14 +223,14 @@ Vector3 Tool::wishedForce(const ToolInput& input, ToolOutput& output) {
   if (!patch_ || patch_->field.empty()) {
     contact_ = {};
     output.cut = lift();
-    return Vector3::Zero();
+    return resistance(input, 0.0);
   }
   if (config_.kind == ToolKind::kScalpel && input.buttons.test(config_.cut_button))
     return cut(input, output);
   output.cut = lift();
   if (config_.kind != ToolKind::kGrasper || !grip(input, output))
     press(input);
-  return springForce(output);
+  return springForce(output) + resistance(input, 0.0);
 }
 
 TickHeader Tool::nextHeader(std::uint64_t& sequence) const {
@@ -320,6 +325,8 @@ ToolOutput Tool::update(const ToolInput& input) {
     wish = wishedForce(input, output);
   } else {
     output.cut = lift();
+    resistance_.reset();
+    cut_pose_.reset();
     has_pose_ = false;
     velocity_m_s_.setZero();
   }

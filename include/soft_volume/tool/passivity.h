@@ -23,8 +23,7 @@ namespace soft_volume::core {
 class PassivityControl {
  public:
   /// `delay_s`: from a force's computation to the motors.
-  PassivityControl(double max_damping_n_s_m, double delay_s)
-      : max_damping_n_s_m_(max_damping_n_s_m), delay_s_(delay_s) {}
+  explicit PassivityControl(double delay_s) : delay_s_(delay_s) {}
 
   /// What a tick computed and saw.
   struct Tick {
@@ -38,11 +37,11 @@ class PassivityControl {
   };
   /// At the end of every tick with a usable pose.
   void observe(const Tick& tick);
-  /// Damping that the next tick is to render on the velocity between device and tissue [N s/m].
-  double damping(const Vector3& velocity_m_s) const;
+  /// Damping that the next tick is to render on the velocity between device and tissue, at most `most` [N s/m].
+  double damping(const Vector3& velocity_m_s, double most_n_s_m) const;
   /// Energy that was made and not taken out yet, joule; below zero: losses of late.
   double energy() const { return made_j_; }
-  void reset() { *this = PassivityControl(max_damping_n_s_m_, delay_s_); }
+  void reset() { *this = PassivityControl(delay_s_); }
 
  private:
   struct Sent {
@@ -52,7 +51,6 @@ class PassivityControl {
   void remember(const Tick& tick);
   Vector3 meanForce(double begin_s, double end_s) const;
 
-  double max_damping_n_s_m_;
   double delay_s_;
 
   static constexpr std::size_t kKept = 128;  // ticks: 100 ms at 1 kHz

@@ -167,12 +167,13 @@ class Tool {
   void estimateVelocity(const ToolInput& input);
   Vector3 wishedForce(const ToolInput& input, ToolOutput& output);
   Vector3 cut(const ToolInput& input, ToolOutput& output);
-  Vector3 cuttingForce(const Vector3& position_m, double time_s);
+  Vector3 resistance(const ToolInput& input, double resistance_n);
   std::optional<TissueCut> lift();
   bool grip(const ToolInput& input, ToolOutput& output);
   void press(const ToolInput& input);
   Vector3 springForce(ToolOutput& output) const;
   double tissueBound() const;
+  double dampingBound() const;
   bool poseFault() const;
   void observe(const ToolInput& input, const Vector3& force_n);
   void commandForce(ToolOutput& output);
@@ -203,7 +204,7 @@ class Tool {
   std::optional<std::uint32_t> push_cell_;  // the topology's number of the cell that is pressed
   bool pushing_ = false;                    // the tissue's last command was not zero
   bool in_incision_ = false;
-  std::optional<CutPose> cut_pose_;  // of the newest update that cut
+  std::optional<CutPose> cut_pose_;  // of the newest update
   std::optional<double> clock_s_;    // of the newest update
   bool has_pose_ = false;
   double pose_time_s_ = 0.0;
