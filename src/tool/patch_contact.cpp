@@ -499,7 +499,10 @@ PatchContact::CellPoint PatchContact::locateIn(std::uint32_t cell, const Vector3
     return local ? CellPoint{cell, *local, 0} : CellPoint{};
   }
   for (std::uint32_t c = 0; c < in.cones; ++c) {
-    if (const auto local = shapeOf(cones_[in.first + c]).invert(point_m))
+    const Cone& cone = cones_[in.first + c];
+    if (!SurfaceCone::mayContain(positions_m_, cone.points, cone.tolerance_m, point_m))
+      continue;
+    if (const auto local = shapeOf(cone).invert(point_m))
       return {cell, *local, c};
   }
   return {};

@@ -6,6 +6,7 @@
 namespace soft_volume::core {
 namespace {
 
+constexpr double kWider = 1.001;         // for rounding
 constexpr double kBaseTolerance = 1e-6;  // of a quadrilateral's edges, as of a hexahedron's
 
 /// The bilinear term's share b c / a; finite and 0 at the apex, where b = c = 0.
@@ -28,6 +29,33 @@ SurfaceCone::SurfaceCone(const std::vector<Vector3>& positions_m, const Points& 
   if (isQuadrilateral())
     warp_ = inverse_ * (p[points_[1]] - p[points_[2]] + p[points_[3]] - p[points_[4]]);
   per_m_ << inverse_.rowwise().norm(), (inverse_.row(0) - inverse_.row(1) - inverse_.row(2)).norm();
+}
+
+// The conditions of invertTriangle(), times the determinant, with a slack that is a little wider.
+bool SurfaceCone::mayContain(const std::vector<Vector3>& positions_m, const Points& points, double tolerance_m,
+                             const Vector3& point_m) {
+  if (isQuadrilateral(points))
+    return true;
+  const Vector3& apex = positions_m[points[0]];
+  const Vector3& first = positions_m[points[1]];
+  const Vector3 from_apex = first - apex;
+  const Vector3 along_b = positions_m[points[2]] - first;
+  const Vector3 along_c = positions_m[points[3]] - first;
+  const Vector3 base = along_b.cross(along_c);
+  const double determinant = from_apex.dot(base);
+  const double sign = determinant < 0.0 ? -1.0 : 1.0;
+  const Vector3 there = point_m - apex;
+  const auto slack = [=](const Vector3& normal) { return kWider * tolerance_m * normal.cwiseAbs().sum(); };
+  const double a = sign * base.dot(there);
+  if (a > sign * determinant + slack(base))
+    return false;
+  const Vector3 normal_b = along_c.cross(from_apex);
+  const double b = sign * normal_b.dot(there);
+  if (b < -slack(normal_b))
+    return false;
+  const Vector3 normal_c = from_apex.cross(along_b);
+  const double c = sign * normal_c.dot(there);
+  return c >= -slack(normal_c) && a - b - c >= -slack(base - normal_b - normal_c);
 }
 
 std::optional<Vector3> SurfaceCone::invert(const Vector3& point_m) const {

@@ -25,6 +25,9 @@ class SurfaceCone {
   /// `tolerance_m` is how far outside a point still counts as inside.
   SurfaceCone(const std::vector<Vector3>& positions_m, const Points& points, double tolerance_m);
 
+  /// False only where a cone of these would not contain the point: a test that is cheaper than making one.
+  static bool mayContain(const std::vector<Vector3>& positions_m, const Points& points, double tolerance_m,
+                         const Vector3& point_m);
   /// Local coordinates of a point, on the border where it is outside within the tolerance; nothing when it is outside.
   /// A cone without volume contains nothing.
   std::optional<Vector3> invert(const Vector3& point_m) const;
