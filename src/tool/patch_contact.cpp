@@ -15,6 +15,7 @@ namespace {
 
 constexpr int kMaxBins = 24;  // per axis
 constexpr std::size_t kBinsPerCell = 48;
+constexpr double kRoom = 0.03;       // of a cell's edge that vertices may move before their cells' boxes are made anew
 constexpr double kAtFace = 1e-6;     // metres
 constexpr double kSamePlace = 1e-4;  // of a cell; vertices are in single precision
 constexpr std::array<std::uint32_t, 8> kHexahedronOrder{0, 1, 2, 3, 4, 5, 6, 7};
@@ -79,6 +80,7 @@ void PatchContact::clear() {
   cells_.clear();
   hexahedra_.clear();
   cones_.clear();
+  cell_corners_.clear();
   vertex_ids_.clear();
   duration_s_ = 0.0;
   has_cuts_ = false;
@@ -174,6 +176,16 @@ void PatchContact::addHexahedron(const Topology& topology, std::uint32_t id) {
   addCell(cell);
 }
 
+template <typename Visit>
+void PatchContact::forCornersOf(const Cell& cell, const Visit& visit) const {
+  if (cell.corners == 0) {  // a hexahedron
+    for (const std::uint32_t slot : hexahedra_[cell.first].corners)
+      visit(slot);
+  }
+  for (std::uint32_t c = cell.first_corner; c < cell.first_corner + cell.corners; ++c)
+    visit(cell_corners_[c]);
+}
+
 void PatchContact::addCones(const Topology& topology, std::uint32_t id) {
   const std::uint32_t* begin = topology.connectivity.data() + topology.cell_offsets[id];
   if (faceCount(topology.cell_types[id], begin) == 0)
@@ -182,11 +194,9 @@ void PatchContact::addCones(const Topology& topology, std::uint32_t id) {
   cell.id = id;
   cell.first = std::uint32_t(cones_.size());
   const auto centre = std::uint32_t(positions_m_.size());
+  addCorners(topology, id, cell);
   Box3 box;
-  forEachFace(topology.cell_types[id], begin, [&](std::size_t, const std::uint32_t* loop, std::size_t size) {
-    for (std::size_t i = 0; i < size; ++i)
-      box.extend(positions_m_[vertex_slots_[loop[i]]]);
-  });
+  forCornersOf(cell, [&](std::uint32_t slot) { box.extend(positions_m_[slot]); });
   const double tolerance_m = kFaceTolerance * box.sizes().maxCoeff();
   forEachFace(topology.cell_types[id], begin, [&](std::size_t face, const std::uint32_t* loop, std::size_t size) {
     const Behind other = behind(topology, id, face);
@@ -199,14 +209,26 @@ void PatchContact::addCones(const Topology& topology, std::uint32_t id) {
   addCell(cell);
 }
 
-// A field in the middle of the bases of a cell's cones.
+void PatchContact::addCorners(const Topology& topology, std::uint32_t id, Cell& cell) {
+  cell.first_corner = std::uint32_t(cell_corners_.size());
+  const auto known = [&](std::uint32_t slot) {
+    return std::find(cell_corners_.begin() + cell.first_corner, cell_corners_.end(), slot) != cell_corners_.end();
+  };
+  const std::uint32_t* begin = topology.connectivity.data() + topology.cell_offsets[id];
+  forEachFace(topology.cell_types[id], begin, [&](std::size_t, const std::uint32_t* loop, std::size_t size) {
+    for (std::size_t i = 0; i < size; ++i) {
+      if (!known(vertex_slots_[loop[i]]))
+        cell_corners_.push_back(vertex_slots_[loop[i]]);
+    }
+  });
+  cell.corners = std::uint32_t(cell_corners_.size()) - cell.first_corner;
+}
+
+// A field in the middle of a cell's corners.
 Vector3 PatchContact::centreOf(const std::vector<Vector3>& field, const Cell& cell) const {
   Vector3 sum = Vector3::Zero();
-  for (std::uint32_t c = cell.first; c < cell.first + cell.cones; ++c) {
-    for (std::size_t corner = 1; corner < cones_[c].points.size(); ++corner)
-      sum += field[cones_[c].points[corner]];
-  }
-  return sum / (4.0 * cell.cones);
+  forCornersOf(cell, [&](std::uint32_t slot) { sum += field[slot]; });
+  return sum / double(cell.corners);
 }
 
 void PatchContact::addFace(const Topology& topology, const Loop& loop, const Behind& behind, std::uint32_t centre,
@@ -248,36 +270,26 @@ void PatchContact::update(const Topology& topology, const GridPatch& patch) {
   known_.assign(positions_m_.size(), 0);
   if (cells_.empty())
     return;
-  boundCells();
+  boundCells(0.0);
   boundPlaces();
   measure();
+  boundCells(kRoom * mean_edge_m_);
   reserveBins();
   buildBins();
 }
 
-template <typename Visit>
-void PatchContact::forPointsOf(const Cell& cell, const Visit& visit) const {
-  if (cell.isHexahedron()) {
-    for (const std::uint32_t slot : hexahedra_[cell.first].corners)
-      visit(slot);
-  }
-  for (std::uint32_t c = cell.first; c < cell.first + cell.cones; ++c) {
-    for (const std::uint32_t slot : cones_[c].points)
-      visit(slot);
-  }
-}
-
 // The image of a trilinear map and a cone lie in the hull of their corners, and that of a moving one in the hull of its
-// ends; the margin keeps points within the face tolerance.
-void PatchContact::boundCells() {
+// ends; the boxes are wider by a margin and keep points within the face tolerance.
+void PatchContact::boundCells(double margin_m) {
+  margin_m_ = margin_m;
   bounds_.setEmpty();
   for (Cell& cell : cells_) {
     Box3 box;
-    forPointsOf(cell, [&](std::uint32_t slot) {
+    forCornersOf(cell, [&](std::uint32_t slot) {
       box.extend(from_m_[slot]);
       box.extend(to_m_[slot]);
     });
-    const Vector3 margin = 10.0 * kFaceTolerance * box.sizes() + Vector3::Constant(1e-9);
+    const Vector3 margin = 10.0 * kFaceTolerance * box.sizes() + Vector3::Constant(margin_m + 1e-9);
     cell.box = Box3(Vector3(box.min() - margin), Vector3(box.max() + margin));
     bounds_.extend(cell.box);
   }
@@ -316,7 +328,7 @@ void PatchContact::forBinsOf(const Cell& cell, const Visit& visit) const {
 
 void PatchContact::boundPlaces() {
   for (Cell& cell : cells_) {
-    forPointsOf(cell, [&](std::uint32_t slot) { cell.place_box.extend(places_m_[slot]); });
+    forCornersOf(cell, [&](std::uint32_t slot) { cell.place_box.extend(places_m_[slot]); });
     const Vector3 margin = 2.0 * kSamePlace * cell.place_box.sizes();
     cell.place_box = Box3(Vector3(cell.place_box.min() - margin), Vector3(cell.place_box.max() + margin));
   }
@@ -372,11 +384,14 @@ void PatchContact::takeShown(const PatchContact& shown) {
 // Gives the points that the patch before lacks the mean way of the known ones in their cells. While it sums them up,
 // known_ counts them from kNeighbours on.
 void PatchContact::placeUnknown() {
+  if (std::find(known_.begin(), known_.begin() + std::ptrdiff_t(vertex_ids_.size()), 0U) ==
+      known_.begin() + std::ptrdiff_t(vertex_ids_.size()))
+    return;
   constexpr std::uint32_t kNeighbours = 2;
   for (const Cell& cell : cells_) {
     Vector3 way = Vector3::Zero();
     std::uint32_t count = 0;
-    forPointsOf(cell, [&](std::uint32_t slot) {
+    forCornersOf(cell, [&](std::uint32_t slot) {
       if (known_[slot] == 1) {
         way += from_m_[slot] - to_m_[slot];
         ++count;
@@ -384,7 +399,7 @@ void PatchContact::placeUnknown() {
     });
     if (count == 0)
       continue;
-    forPointsOf(cell, [&](std::uint32_t slot) {
+    forCornersOf(cell, [&](std::uint32_t slot) {
       if (known_[slot] != 1) {
         from_m_[slot] += way / double(count);
         known_[slot] = std::max(known_[slot], kNeighbours) + 1;
@@ -435,6 +450,16 @@ void PatchContact::placeCutVertices(const PatchContact& shown) {
   }
 }
 
+// Farthest that a point is from its place in the newest patch, along any axis, at either end of its way.
+double PatchContact::widestWay() const {
+  Vector3 widest = Vector3::Zero();
+  for (std::size_t slot = 0; slot < positions_m_.size(); ++slot) {
+    widest = widest.cwiseMax((from_m_[slot] - positions_m_[slot]).cwiseAbs());
+    widest = widest.cwiseMax((to_m_[slot] - positions_m_[slot]).cwiseAbs());
+  }
+  return widest.maxCoeff();
+}
+
 void PatchContact::beginFrom(const PatchContact& shown, double duration_s, double lead_s) {
   if (cells_.empty() || shown.empty() || shown.session_ != session_ || !(duration_s > 0.0))
     return;
@@ -449,10 +474,13 @@ void PatchContact::beginFrom(const PatchContact& shown, double duration_s, doubl
   }
   duration_s_ = duration_s;
   gone_s_ = 0.0;
+  const bool leave_boxes = widestWay() > margin_m_;
   for (std::size_t slot = 0; slot < from_m_.size(); ++slot)
     velocities_m_s_[slot] = (to_m_[slot] - from_m_[slot]) / duration_s;
   positions_m_ = from_m_;
-  boundCells();
+  if (!leave_boxes)
+    return;
+  boundCells(0.0);
   buildBins();
 }
 

@@ -136,6 +136,8 @@ class PatchContact {
     float stiffness_pa = 0.0F;
     std::uint32_t first = 0;  // its hexahedron, or the first of its cones
     std::uint32_t cones = 0;
+    std::uint32_t first_corner = 0;  // of those of a cell that is made of cones
+    std::uint32_t corners = 0;
     bool cut = false;
     bool isHexahedron() const { return cones == 0; }
   };
@@ -158,10 +160,12 @@ class PatchContact {
   void addCell(Cell cell);
   void addHexahedron(const Topology& topology, std::uint32_t id);
   void addCones(const Topology& topology, std::uint32_t id);
+  void addCorners(const Topology& topology, std::uint32_t id, Cell& cell);
   void addFace(const Topology& topology, const Loop& loop, const Behind& behind, std::uint32_t centre,
                double tolerance_m);
   void measure();
-  void boundCells();
+  void boundCells(double margin_m);
+  double widestWay() const;
   void boundPlaces();
   void reserveBins();
   void buildBins();
@@ -172,7 +176,7 @@ class PatchContact {
   std::optional<Vector3> shownPlace(const Vector3& place_m, const Vector3& near_m) const;
   std::optional<Vector3> shownPlaceIn(const Cell& cell, const Vector3& place_m) const;
   template <typename Visit>
-  void forPointsOf(const Cell& cell, const Visit& visit) const;
+  void forCornersOf(const Cell& cell, const Visit& visit) const;
   SurfaceCone shapeOf(const Cone& cone) const { return {positions_m_, cone.points, cone.tolerance_m}; }
   Vector3 centreOf(const std::vector<Vector3>& field, const Cell& cell) const;
   static Trilinear trilinear(const std::vector<Vector3>& field, const Hexahedron& hexahedron);
@@ -190,6 +194,7 @@ class PatchContact {
   std::vector<Cell> cells_;  // increasing id
   std::vector<Hexahedron> hexahedra_;
   std::vector<Cone> cones_;
+  std::vector<std::uint32_t> cell_corners_;
   bool has_cuts_ = false;
   std::uint64_t session_ = 0;
   std::uint32_t revision_ = 0;
@@ -208,6 +213,7 @@ class PatchContact {
   Box3 bounds_;
   double march_step_m_ = 0.0;
   double mean_edge_m_ = 0.0;
+  double margin_m_ = 0.0;  // by which the cells' boxes are wider than they have to be: so far vertices may move
 
   // A regular grid of bins over bounds_; bin b lists bin_cells_[bin_offsets_[b] .. bin_offsets_[b + 1]).
   std::array<int, 3> bins_{};
