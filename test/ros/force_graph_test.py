@@ -41,7 +41,7 @@ class ForceTest(graph.GraphTest):
     states.wait(lambda s: s.in_contact and s.pose.position.z < deep_m, 'device 12 mm deep', limit_s=90.0)
     self.stop(device)
     self.stop(tool)
-    samples = [(s.device_force.z, MIDDLE[2] - s.surface_point.z, MIDDLE[2] + TIP_M - s.pose.position.z,
+    samples = [(s.device_force.z, MIDDLE[2] + TIP_M - s.proxy.position.z, MIDDLE[2] + TIP_M - s.pose.position.z,
                 s.coupling_stiffness)
                for s in states.messages
                if s.in_contact and not (s.pose_stale or s.slew_limited or s.tripped)]

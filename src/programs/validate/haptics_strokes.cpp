@@ -91,18 +91,20 @@ std::string block(const std::string& name, const Strokes& strokes, const Value& 
 
 std::string plotCommands(const std::string& title, const Strokes& strokes) {
   std::ostringstream script;
-  script << block("pressed", strokes, [](const Moment& m) { return m.cutting ? kNothing : m.force_n; })
-         << block("cut", strokes, [](const Moment& m) { return m.cutting ? m.force_n : kNothing; })
-         << block("device", strokes, [](const Moment& m) { return 1e3 * m.device_m; })
-         << block("proxy", strokes, [](const Moment& m) { return 1e3 * m.proxy_m; })
-         << "set multiplot layout 2,1 title '" << title << "' noenhanced\nset key at graph 1.0,1.1 right horizontal\n"
-         << "set lmargin 9\nset xrange [0:" << strokes.moments.back().time_s
-         << "]\nset ylabel 'force on the hand, N'\nset yrange [0:*]\n"
-         << "plot $pressed with lines lw 2 lc rgb '#1f77b4' title 'probe', "
-         << "$cut with lines lw 2 lc rgb '#d62728' title 'scalpel cuts'\n"
-         << "set yrange [*:*] reverse\nset ylabel 'depth below the first touch, mm'\nset xlabel 'time, s'\n"
-         << "plot $device with lines lw 2 lc rgb '#7f7f7f' title 'device', "
-         << "$proxy with lines lw 2 lc rgb '#2ca02c' title 'proxy'\nunset multiplot\n";
+  script
+      << block("pressed", strokes, [](const Moment& m) { return m.cutting ? kNothing : m.force_n; })
+      << block("cut", strokes, [](const Moment& m) { return m.cutting ? m.force_n : kNothing; })
+      << block("device", strokes, [](const Moment& m) { return 1e3 * m.device_m; })
+      << block("proxy", strokes, [](const Moment& m) { return 1e3 * m.proxy_m; })
+      << "set multiplot layout 2,1\nset tmargin 2.5\nset key at graph 1.0,1.1 right horizontal\n"
+      << "set label 1 '" << title << "' at graph 0.0,1.07 left noenhanced\n"
+      << "set lmargin 9\nset xrange [0:" << strokes.moments.back().time_s
+      << "]\nset ylabel 'force on the hand, N'\nset yrange [0:*]\n"
+      << "plot $pressed with lines lw 2 lc rgb '#1f77b4' title 'probe', "
+      << "$cut with lines lw 2 lc rgb '#d62728' title 'scalpel cuts'\n"
+      << "unset label 1\nset yrange [*:*] reverse\nset ylabel 'depth below the first touch, mm'\nset xlabel 'time, s'\n"
+      << "plot $device with lines lw 2 lc rgb '#7f7f7f' title 'device', "
+      << "$proxy with lines lw 2 lc rgb '#2ca02c' title 'proxy'\nunset multiplot\n";
   return script.str();
 }
 
