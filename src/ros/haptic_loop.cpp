@@ -276,6 +276,7 @@ bool HapticLoop::takePose() {
     speed = velocity_.velocity_m_s;
   if (velocity_.heard_s == 0.0)
     speed.reset();
+  input_.pose_stamp_s = 1e-9 * static_cast<double>(pose_.stamp_ns);
   input_.pose = pose_.pose;
   input_.velocity_m_s = speed;
   if (rig_) {

@@ -11,6 +11,7 @@ namespace soft_volume::core {
 namespace {
 
 constexpr double kJumpSlack = 0.005;   // metres that a burst of late messages may seem to jump
+constexpr double kBelievedGap = 0.1;   // seconds between two poses, by the device's own clock
 constexpr double kSpeedWindow = 0.02;  // seconds; short windows confuse jitter of the messages with speed
 
 constexpr std::array<std::pair<const char*, DeviceLimits>, 7> kDevices{{
@@ -83,25 +84,33 @@ void ForceLimiter::restart() {
   tripped_ = tripped;
 }
 
-bool ForceLimiter::jumped(double pose_time_s, const Vector3& position_m) {
-  const TimedPosition now{pose_time_s, position_m};
-  if (!last_ || pose_time_s - last_->time_s > safety_.stale_after_s) {  // a reconnect: nothing to compare with
+/// Time that the device had for its way, by the clock that gives it more.
+double ForceLimiter::between(const TimedPosition& before, const TimedPosition& now) {
+  const double received_s = std::max(0.0, now.time_s - before.time_s);
+  if (!before.stamp_s || !now.stamp_s)
+    return received_s;
+  const double stamped_s = *now.stamp_s - *before.stamp_s;
+  return stamped_s > 0.0 ? std::max(received_s, std::min(stamped_s, kBelievedGap)) : received_s;
+}
+
+bool ForceLimiter::jumped(const TimedPosition& now) {
+  if (!last_ || now.time_s - last_->time_s > safety_.stale_after_s) {  // a reconnect: nothing to compare with
     last_ = reference_ = now;
     return false;
   }
-  const double dt = std::max(0.0, pose_time_s - last_->time_s);
-  bool jumped = (position_m - last_->position_m).norm() > safety_.max_speed_m_s * dt + kJumpSlack;
+  const double dt = between(*last_, now);
+  bool jumped = (now.position_m - last_->position_m).norm() > safety_.max_speed_m_s * dt + kJumpSlack;
   last_ = now;
-  const double window = pose_time_s - reference_->time_s;
+  const double window = between(*reference_, now);
   if (window >= kSpeedWindow) {
-    jumped |= (position_m - reference_->position_m).norm() > safety_.max_speed_m_s * window;
+    jumped |= (now.position_m - reference_->position_m).norm() > safety_.max_speed_m_s * window;
     reference_ = now;
   }
   return jumped;
 }
 
 ForceFault ForceLimiter::check(double time_s, double pose_time_s, const Pose& pose,
-                               const std::optional<Vector3>& velocity_m_s) {
+                               const std::optional<Vector3>& velocity_m_s, const std::optional<double>& stamp_s) {
   assert(std::isfinite(time_s));
   if (time_s_ && time_s < *time_s_ && !tripped_)
     reset();
@@ -112,7 +121,8 @@ ForceFault ForceLimiter::check(double time_s, double pose_time_s, const Pose& po
     fault_ = ForceFault::kUnusablePose;
   } else if (!(std::abs(time_s - pose_time_s) <= safety_.stale_after_s)) {
     fault_ = ForceFault::kStalePose;
-  } else if (jumped(pose_time_s, pose.position_m) || (velocity_m_s && velocity_m_s->norm() > safety_.max_speed_m_s)) {
+  } else if (jumped({pose_time_s, stamp_s, pose.position_m}) ||
+             (velocity_m_s && velocity_m_s->norm() > safety_.max_speed_m_s)) {
     tripped_ = true;
   }
   if (tripped_)

@@ -314,7 +314,7 @@ ToolOutput Tool::update(const ToolInput& input) {
   ToolOutput output;
   Vector3 wish = Vector3::Zero();
   spring_ = {};
-  limiter_.check(input.time_s, input.pose_time_s, input.pose, input.velocity_m_s);
+  limiter_.check(input.time_s, input.pose_time_s, input.pose, input.velocity_m_s, input.pose_stamp_s);
   watchTime(input);
   if (!input.forces_allowed)
     limiter_.report(ForceFault::kDisabled);

@@ -26,7 +26,7 @@ class LimiterTest : public testing::Test {
     return again(wish);
   }
   ForceLimiter::Output again(const Vector3& wish) {
-    fault_ = limiter_.check(time_s_, pose_time_s_, pose_, velocity_);
+    fault_ = limiter_.check(time_s_, pose_time_s_, pose_, velocity_, stamp_s_);
     last_ = limiter_.limit(time_s_, wish);
     return last_;
   }
@@ -48,6 +48,7 @@ class LimiterTest : public testing::Test {
   ForceLimiter limiter_{deviceLimits("touch"), SafetyConfig()};
   Pose pose_;
   std::optional<Vector3> velocity_;
+  std::optional<double> stamp_s_;
   double time_s_ = 100.0;
   double pose_time_s_ = 0.0;
   ForceFault fault_ = ForceFault::kNone;
@@ -206,6 +207,63 @@ TEST_F(LimiterTest, BurstOfLateMessagesDoesNotTrip) {
     }
   }
   EXPECT_FALSE(limiter_.tripped());
+}
+
+/// A hand at 0.5 m/s whose poses were held up for 60 ms and then come in three cycles. `tooth_m` goes in between.
+class HeldUpPosesTest : public LimiterTest {
+ protected:
+  void burst(bool stamped, double tooth_m) {
+    run(0.5, Vector3::Zero());
+    double device_s = 7.0;  // a clock of its own
+    for (int n = 0; n < 60; ++n)
+      silentCycle(Vector3::Zero());
+    for (int n = 0; n < 3; ++n) {
+      device_s += 0.020;
+      pose_.position_m.x() += 0.5 * 0.020 + (n == 1 ? tooth_m : 0.0);
+      if (stamped)
+        stamp_s_ = device_s;
+      cycle(Vector3::Zero());
+    }
+  }
+};
+
+TEST_F(HeldUpPosesTest, DoNotTripWhereTheirStampsTellOfIt) {
+  burst(true, 0.0);
+  EXPECT_FALSE(limiter_.tripped());
+}
+
+TEST_F(HeldUpPosesTest, TripWithoutStamps) {
+  burst(false, 0.0);
+  EXPECT_TRUE(limiter_.tripped());
+}
+
+TEST_F(HeldUpPosesTest, ATeleportAmongThemTrips) {
+  burst(true, 0.05);
+  EXPECT_TRUE(limiter_.tripped());
+}
+
+TEST_F(LimiterTest, StampsExcuseNoJumpBeyondATenthOfASecond) {
+  run(0.5, Vector3::Zero());
+  stamp_s_ = 1.0;
+  cycle(Vector3::Zero());
+  stamp_s_ = 100.0;
+  pose_.position_m.x() += 0.2;
+  cycle(Vector3::Zero());
+  EXPECT_TRUE(limiter_.tripped());
+}
+
+TEST_F(LimiterTest, StampsThatDoNotIncreaseSayNothing) {
+  stamp_s_ = 1.0;
+  for (int n = 0; n < 200; ++n) {
+    *stamp_s_ -= n % 2 == 0 ? 0.5 : -0.4;
+    pose_.position_m.x() += 0.0005;
+    cycle(Vector3::Zero());
+  }
+  EXPECT_FALSE(limiter_.tripped());
+  *stamp_s_ -= 1.0;
+  pose_.position_m.x() += 0.02;
+  cycle(Vector3::Zero());
+  EXPECT_TRUE(limiter_.tripped());
 }
 
 TEST_F(LimiterTest, PoseAfterAGapIsAReconnectNotAJump) {

@@ -76,8 +76,11 @@ class ForceLimiter {
 
   /// Judges the newest pose, received or stamped at `pose_time_s`. `velocity_m_s` is the device's own, where it has
   /// one; otherwise speed is judged from the poses: at once beyond max_speed_m_s plus 5 mm (a late message is no jump),
-  /// and as a mean over 20 ms.
-  ForceFault check(double time_s, double pose_time_s, const Pose& pose, const std::optional<Vector3>& velocity_m_s);
+  /// and as a mean over 20 ms. `stamp_s` is when the device measured the pose by its own clock, which need not agree
+  /// with the other times: messages that were held up come in one burst, and their stamps say that nothing jumped. They
+  /// are believed for up to 0.1 s between two poses; stamps that do not increase say nothing.
+  ForceFault check(double time_s, double pose_time_s, const Pose& pose, const std::optional<Vector3>& velocity_m_s,
+                   const std::optional<double>& stamp_s = std::nullopt);
   /// Another fault that the caller found since the last check(); the pose's go first.
   void report(ForceFault fault);
   /// The force to send, by the result of the last check().
@@ -93,7 +96,13 @@ class ForceLimiter {
   void reset();
 
  private:
-  bool jumped(double pose_time_s, const Vector3& position_m);
+  struct TimedPosition {
+    double time_s;
+    std::optional<double> stamp_s;
+    Vector3 position_m;
+  };
+  bool jumped(const TimedPosition& now);
+  static double between(const TimedPosition& before, const TimedPosition& now);
   Vector3 falling(double time_s);
   Vector3 slewed(const Vector3& wish_n, double dt_s, bool& limited) const;
 
@@ -109,10 +118,6 @@ class ForceLimiter {
   std::optional<double> fall_start_s_;  // set while a fault takes the force down
   Vector3 fall_from_n_ = Vector3::Zero();
 
-  struct TimedPosition {
-    double time_s;
-    Vector3 position_m;
-  };
   std::optional<TimedPosition> last_;       // newest pose
   std::optional<TimedPosition> reference_;  // start of the window for the mean speed
 };

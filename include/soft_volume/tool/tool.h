@@ -70,7 +70,8 @@ struct ToolInput {
   double time_s = 0.0;        ///< now, on the caller's clock; finite
   double pose_time_s = 0.0;   ///< when the newest pose was received (or stamped, if the clock is the same one)
   double pose_delay_s = 0.0;  ///< from its measurement to pose_time_s, where that is known; finite, not negative
-  Pose pose;                  ///< tip of the tool, volume frame; any values: unusable ones are a fault
+  std::optional<double> pose_stamp_s;   ///< of its measurement on the device's own clock, where it has one
+  Pose pose;                            ///< tip of the tool, volume frame; any values: unusable ones are a fault
   std::optional<Vector3> velocity_m_s;  ///< of the tip, where the device measures it; estimated otherwise
   Buttons buttons;
   bool forces_allowed = true;  ///< false: the device is not enabled or clutched, and force goes to zero as in a fault
