@@ -71,8 +71,8 @@ struct DeviceProfile {
   double device_damping_n_s_m = 0.2;  ///< physical damping b of device and hand, a low estimate; (0, 100]
   SafetyConfig safety;                ///< at the device
   double rate_hz = 1000.0;            ///< of the poses, and of the loop; [20, 4000]
-  double output_delay_s =
-      0.0;  ///< from the arrival of a force at the driver to the motors, which no message tells; [0, 0.1]
+  /// From the arrival of a force at the driver to the motors, beyond one of its cycles; no message tells it; [0, 0.1].
+  double output_delay_s = 0.0;
   std::string base_frame;  ///< frame_id that poses must have; empty: any
   DeviceTopics topics;
   bool needs_homing = false;  ///< operating_state must say is_homed, too, before there is any force
