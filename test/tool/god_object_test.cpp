@@ -184,7 +184,7 @@ TEST(GodObjectTest, GivesNoEnergyThatTheHandDidNotPutIn) {
   for (const double friction : {0.0, 0.3}) {
     double put_in = 0.0;
     double got = 0.0;
-    for (int round = 0; round < 20; ++round) {
+    for (int round = 0; round < 10; ++round) {
       const double before_round = put_in;
       Hand hand(field, friction);
       hand.go({0.032, 0.032, 0.050});
@@ -513,7 +513,7 @@ TEST(GodObjectTest, HoldsItsPromisesOnWildTissue) {
     Hand hand(field, friction);
     const Vector3 size = tissue.block.size();
     Vector3 tip = 0.5 * size;
-    for (int n = 0; n < 2500; ++n) {
+    for (int n = 0; n < 1200; ++n) {
       if (n % 50 == 0) {
         if (n % 500 == 450 && seed > 1)
           cutAtRandom(tissue, 1, random);
