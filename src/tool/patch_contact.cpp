@@ -460,11 +460,9 @@ double PatchContact::widestWay() const {
   return widest.maxCoeff();
 }
 
-void PatchContact::beginFrom(const PatchContact& shown, double duration_s, double lead_s) {
+void PatchContact::beginFrom(const PatchContact& shown, double duration_s) {
   if (cells_.empty() || shown.empty() || shown.session_ != session_ || !(duration_s > 0.0))
     return;
-  for (std::size_t slot = 0; slot < to_m_.size(); ++slot)
-    to_m_[slot] += lead_s * velocities_m_s_[slot];
   takeShown(shown);
   placeUnknown();
   placeCutVertices(shown);

@@ -64,17 +64,6 @@ TEST_F(PatchMotionTest, GoesStraightFromThereToHere) {
   EXPECT_EQ(middleOf(moving, 100), middleOf(newest, 100));
 }
 
-TEST_F(PatchMotionTest, LeadsToWhereTheTissueWillBe) {
-  const Vector3 velocity(0.03, -0.02, 0.01);
-  tissue_.deform(bend, [&](const Vector3&) { return velocity; });
-  const PatchContact newest = contactOf(tissue_);
-  PatchContact moving = newest;
-  moving.beginFrom(shown_, kInterval, 0.5 * kInterval);
-  EXPECT_LT((middleOf(moving, 100) - middleOf(shown_, 100)).norm(), 1e-12);
-  moving.advance(kInterval);
-  EXPECT_LT((middleOf(moving, 100) - middleOf(newest, 100) - 0.5 * kInterval * velocity).norm(), 1e-9);
-}
-
 TEST_F(PatchMotionTest, ANewPatchHalfwayDoesNotJump) {
   PatchContact moving = bent();
   moving.beginFrom(shown_, kInterval);

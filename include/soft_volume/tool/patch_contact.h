@@ -64,10 +64,9 @@ class PatchContact {
   void clear();
   /// Starts to move from where `shown` has its vertices now to where the newest patch has them, within `duration_s` >
   /// 0. Vertices of a cut begin where the tissue that they lie in is shown, and any others that `shown` lacks as far
-  /// from their places as their neighbours do. With a lead it goes to where the tissue will be that much later if it
-  /// keeps the patch's velocities, so that the way there is no delay. Nothing happens when `shown` is empty or of
-  /// another session. Call once after update().
-  void beginFrom(const PatchContact& shown, double duration_s, double lead_s = 0.0);
+  /// from their places as their neighbours do. Nothing happens when `shown` is empty or of another session. Call once
+  /// after update(). The way is a delay, but going ahead by the patch's velocities made 30 patches a second swing.
+  void beginFrom(const PatchContact& shown, double duration_s);
   /// Moves on along that way; the tissue rests at its end.
   void advance(double dt_s);
 
