@@ -112,9 +112,7 @@ void HapticLoop::hear(const core::Vector3& velocity_m_s, double heard_s) {
 }
 
 bool HapticLoop::next(LoopTick& tick, double wait_s) {
-  if (ticks_.pop(tick))
-    return true;
-  waitFor(published_, wait_s);
+  waitFor(published_, wait_s);  // one for every tick
   return ticks_.pop(tick);
 }
 
