@@ -10,9 +10,12 @@
 // match.
 static std::atomic<std::size_t> allocations{0};
 
-__attribute__((noinline)) void* operator new(std::size_t size) {
+__attribute__((noinline)) void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
   ++allocations;
-  if (void* memory = std::malloc(size))
+  return std::malloc(size);
+}
+__attribute__((noinline)) void* operator new(std::size_t size) {
+  if (void* memory = operator new(size, std::nothrow))
     return memory;
   throw std::bad_alloc();
 }
