@@ -178,11 +178,17 @@ void HapticLoop::runSimulated() {
       ticked = true;
     }
     const double ago_s = now() - pose_.heard_s;
-    if (ticked || !ready() || ago_s < kPatience)
+    if (ticked || !ready() || !isSilent(ago_s))
       continue;
     takeButtons();
     tick(simulatedSilenceTime(ago_s));
   }
+}
+
+/// A pose that is late by the wall clock alone, because the machine is busy, is none that the device owes.
+bool HapticLoop::isSilent(double ago_s) const {
+  const double stamp_s = 1e-9 * static_cast<double>(pose_.stamp_ns);
+  return ago_s > settings_.wall_timeout_s || (ago_s > kPatience && settings_.simulated_time() - stamp_s > kFresh);
 }
 
 double HapticLoop::simulatedPoseTime() const {

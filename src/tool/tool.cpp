@@ -101,6 +101,7 @@ std::unique_ptr<ReadyPatch> Tool::takePatch(std::unique_ptr<ReadyPatch> patch) {
 
 std::optional<TissueCut> Tool::reset() {
   limiter_.reset();
+  meter_.pause();  // it may have been out of the hand
   forgetContact();
   return lift();
 }

@@ -4,6 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <thread>
+
 #include "tool/tissue_fixture.h"
 
 namespace soft_volume {
@@ -114,6 +117,19 @@ TEST_F(HapticLoopTest, ATripSurvivesANewSceneAndATriedSwapAndEndsWithAReset) {
   loop_.reset();
   EXPECT_GT(hold(400).output.device_force_n.norm(), 0.3);
   EXPECT_EQ(loop_.statistics().faults[std::size_t(core::ForceFault::kTripped)].load(), 1U);
+}
+
+TEST_F(HapticLoopTest, AMachineThatIsLateIsNoLateDevice) {
+  const LoopTick before = hold(400);
+  for (int n = 0; n < 20; ++n) {
+    time_ns_ += 10000000;  // the simulation is ten poses ahead of a device that has no core
+    std::this_thread::sleep_for(std::chrono::milliseconds(15));
+    time_ns_ -= 10000000;
+    hold(10);
+  }
+  const LoopTick after = hold(1);
+  EXPECT_EQ(after.output.fault, core::ForceFault::kNone);
+  EXPECT_NEAR(after.output.timing.period_s, before.output.timing.period_s, 1e-9);  // rounding of stamps
 }
 
 TEST_F(HapticLoopTest, APressOfTheSwapButtonPutsTheNextToolIntoTheHand) {

@@ -104,6 +104,16 @@ class ToolTest : public testing::Test {
   bool simulated_ = true;  // patches come
 };
 
+TEST_F(ToolTest, IsAsStiffAsBeforeAfterItWasOutOfTheHand) {
+  start(probeConfig());
+  hold(1.0);
+  const double stiffness_n_m = output_.coupling_stiffness_n_m;
+  input_.time_s += 10.0;
+  tool_->reset();
+  hold(1.0);
+  EXPECT_NEAR(output_.coupling_stiffness_n_m, stiffness_n_m, 1e-6 * stiffness_n_m);  // rounding of times
+}
+
 TEST_F(ToolTest, PushIsOpposedAndGivenToTheTissue) {
   start(probeConfig());
   EXPECT_EQ(commands_, 0);

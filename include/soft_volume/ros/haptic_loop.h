@@ -148,6 +148,7 @@ class HapticLoop {
   void publish(const LoopTick& tick);
   void count(const core::ToolOutput& output);
   double phaseShift(double time_s) const;
+  bool isSilent(double ago_s) const;
   double simulatedPoseTime() const;
   double simulatedSilenceTime(double silent_s) const;
 
