@@ -28,6 +28,80 @@ struct PngImage : png_image {
   PngImage& operator=(const PngImage&) = delete;
 };
 
+constexpr int kSsimWindow = 7;
+
+/// Sums over pixels of two images; whole numbers, so that a window may slide without rounding.
+struct PixelSums {
+  std::int64_t a = 0;
+  std::int64_t b = 0;
+  std::int64_t aa = 0;
+  std::int64_t bb = 0;
+  std::int64_t ab = 0;
+
+  void add(std::int64_t level_a, std::int64_t level_b, std::int64_t sign) {
+    a += sign * level_a;
+    b += sign * level_b;
+    aa += sign * level_a * level_a;
+    bb += sign * level_b * level_b;
+    ab += sign * level_a * level_b;
+  }
+  void add(const PixelSums& other, std::int64_t sign) {
+    a += sign * other.a;
+    b += sign * other.b;
+    aa += sign * other.aa;
+    bb += sign * other.bb;
+    ab += sign * other.ab;
+  }
+};
+
+/// Of one window of `count` pixels.
+double ssimOf(const PixelSums& sums, double count) {
+  constexpr double kC1 = (0.01 * 255.0) * (0.01 * 255.0);
+  constexpr double kC2 = (0.03 * 255.0) * (0.03 * 255.0);
+  const double mean_a = double(sums.a) / count;
+  const double mean_b = double(sums.b) / count;
+  const double unbiased = std::max(count - 1.0, 1.0);
+  const double variances = (double(sums.aa + sums.bb) - count * (mean_a * mean_a + mean_b * mean_b)) / unbiased;
+  const double covariance = (double(sums.ab) - count * mean_a * mean_b) / unbiased;
+  return (2.0 * mean_a * mean_b + kC1) * (2.0 * covariance + kC2) /
+         ((mean_a * mean_a + mean_b * mean_b + kC1) * (variances + kC2));
+}
+
+/// The sum of ssimOf() over one row of windows, whose columns are summed up already.
+double ssimOfRow(const std::vector<PixelSums>& columns, int across, double count) {
+  PixelSums window;
+  double sum = 0.0;
+  for (int u = 0; u < int(columns.size()); ++u) {
+    window.add(columns[u], 1);
+    if (u >= across)
+      window.add(columns[u - across], -1);
+    if (u >= across - 1)
+      sum += ssimOf(window, count);
+  }
+  return sum;
+}
+
+double meanSsim(const Image& a, const Image& b, int channel) {
+  const int across = std::min(kSsimWindow, a.width);
+  const int down = std::min(kSsimWindow, a.height);
+  std::vector<PixelSums> columns(a.width);
+  const auto addRow = [&](int v, int sign) {
+    for (int u = 0; u < a.width; ++u) {
+      const std::size_t index = (std::size_t(v) * std::size_t(a.width) + std::size_t(u)) * 3 + std::size_t(channel);
+      columns[u].add(a.rgb[index], b.rgb[index], sign);
+    }
+  };
+  double sum = 0.0;
+  for (int v = 0; v < a.height; ++v) {
+    addRow(v, 1);
+    if (v >= down)
+      addRow(v - down, -1);
+    if (v >= down - 1)
+      sum += ssimOfRow(columns, across, double(across) * down);
+  }
+  return sum / (double(a.width - across + 1) * double(a.height - down + 1));
+}
+
 }  // namespace
 
 void writePng(const std::string& path, const Image& image) {
@@ -107,6 +181,8 @@ ImageDifference compareImages(const Image& a, const Image& b) {
   }
   difference.rmse = std::sqrt(squares / double(a.rgb.size()));
   difference.psnr_db = 20.0 * std::log10(255.0 / difference.rmse);
+  if (difference.largest > 0)
+    difference.ssim = (meanSsim(a, b, 0) + meanSsim(a, b, 1) + meanSsim(a, b, 2)) / 3.0;
   return difference;
 }
 

@@ -4,6 +4,7 @@
 #include <png.h>
 #include <turbojpeg.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -114,6 +115,35 @@ TEST(CompareImages, MeasuresKnownDifferences) {
   EXPECT_NEAR(difference.rmse, 16.0 / std::sqrt(300.0), 1e-12);
   EXPECT_NEAR(difference.psnr_db, 20.0 * std::log10(255.0 * std::sqrt(300.0) / 16.0), 1e-9);
   EXPECT_THROW(compareImages(image, makeImage(10, 11)), InputError);
+}
+
+/// `change(level, index)` of every byte.
+template <typename Change>
+Image changed(Image image, const Change& change) {
+  for (std::size_t i = 0; i < image.rgb.size(); ++i)
+    image.rgb[i] = std::uint8_t(std::clamp(change(int(image.rgb[i]), int(i)), 0, 255));
+  return image;
+}
+
+/// The numbers are those of scikit-image 0.19.3: structural_similarity(a, b, channel_axis=2, data_range=255).
+TEST(CompareImages, HasTheStructuralSimilarityOfScikitImage) {
+  const Image image = makeImage(37, 23);
+  EXPECT_EQ(compareImages(image, image).ssim, 1.0);
+  const Image brighter = changed(image, [](int level, int) { return level + 20; });
+  EXPECT_NEAR(compareImages(image, brighter).ssim, 0.9759080866070096, 1e-12);
+  const Image noisy = changed(image, [](int level, int i) { return level + i * 7919 % 41 - 20; });
+  EXPECT_NEAR(compareImages(image, noisy).ssim, 0.7840559573696405, 1e-12);
+  EXPECT_NEAR(compareImages(noisy, image).ssim, 0.7840559573696405, 1e-12);
+  const Image negative = changed(image, [](int level, int) { return 255 - level; });
+  EXPECT_NEAR(compareImages(image, negative).ssim, -0.5583403131442485, 1e-12);
+}
+
+TEST(CompareImages, HasAStructuralSimilarityOfTinyImages) {
+  const Image image = makeImage(1, 1);
+  const Image other = changed(image, [](int level, int) { return level + 51; });
+  const double c1 = 2.55 * 2.55;
+  EXPECT_NEAR(compareImages(image, other).ssim, c1 / (51.0 * 51.0 + c1), 1e-12);
+  EXPECT_LT(compareImages(makeImage(5, 40), changed(makeImage(5, 40), [](int l, int) { return 255 - l; })).ssim, 0.0);
 }
 
 }  // namespace

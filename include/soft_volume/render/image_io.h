@@ -30,6 +30,10 @@ struct ImageDifference {
   double psnr_db = 0.0;  ///< infinite when the images are the same
   int largest = 0;
   std::size_t pixels = 0;  ///< that differ in any channel
+  /// Structural similarity, 1 when the images are the same: mean SSIM of Wang et al. (2004) over windows of 7 x 7
+  /// pixels that lie in the image, of equal weights and with the sample covariance, K1 = 0.01, K2 = 0.03, averaged over
+  /// the channels: scikit-image's default. Windows of smaller images are as large as the image.
+  double ssim = 1.0;
 };
 /// Throws InputError when the sizes differ or an image is empty.
 ImageDifference compareImages(const Image& a, const Image& b);
