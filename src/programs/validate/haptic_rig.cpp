@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <sstream>
 
@@ -11,93 +10,12 @@
 namespace soft_volume::core::validate {
 namespace {
 
-constexpr double kSurface_m = 0.035;  // height of the block
-constexpr double kMiddle_m = 0.029;
 constexpr double kTipRadius_m = 0.004;
-constexpr double kTouch_m = kSurface_m + kTipRadius_m;  // of the tip's centre
-constexpr double kPatchDelay_s = 0.001;                 // from the simulation to the tool
-constexpr double kTrend_s = 0.1;                        // oscillation is what is faster than this
+constexpr double kTouch_m = kBlockTop_m + kTipRadius_m;  // of the tip's centre
+constexpr double kPatchDelay_s = 0.001;                  // from the simulation to the tool
+constexpr double kTrend_s = 0.1;                         // oscillation is what is faster than this
 constexpr std::uint64_t kSession = 1;
-constexpr double kToughness_j_m2 = 76.0;  // that of the cutting scene
-constexpr double kRestart_s = 0.3;        // from a simulation's death to the next one
-
-/// Intensities of the block's voxels.
-constexpr double kSoft = 100.0;
-constexpr double kHard = 300.0;
-
-std::string number(double value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
-}
-
-/// Materials are those of the shipped scenes: fat and muscle of the CT head, its prestretch, its bone.
-std::string sceneText(TissueKind tissue, double damping_ratio, double cut_resistance_j_m2) {
-  const bool prestressed = tissue == TissueKind::kPrestressed;
-  const std::string sides = R"(
-    - min: [-1, -1, -1]
-      max: [-0.0009, 1, 1]
-    - min: [0.0589, -1, -1]
-      max: [1, 1, 1]
-    - min: [-1, -1, -1]
-      max: [1, -0.0009, 1]
-    - min: [-1, 0.0589, -1]
-      max: [1, 1, 1])";
-  return R"(format: 1
-name: haptic block
-volume: {file: block.mha}
-materials:
-  - name: soft
-    intensity: [50, 200]
-    density_kg_m3: 1050
-    poisson_ratio: 0.45
-    damping_ratio: )" +
-         number(damping_ratio) + "\n    youngs_modulus_pa: " + number(tissue == TissueKind::kFat ? 3250 : 10700) +
-         "\n    prestretch: " + number(prestressed ? 1.15 : 1.0) +
-         "\n    cut_resistance_j_m2: " + number(cut_resistance_j_m2) + R"(
-    colour: [0.9, 0.6, 0.5]
-    opacity: 0.5
-  - name: bone
-    intensity: [200, 400]
-    density_kg_m3: 1920
-    youngs_modulus_pa: 1.7e+10
-    fixed: true
-    colour: [0.9, 0.9, 0.9]
-    opacity: 0.9
-lattice:
-  spacing_m: 0.006
-  fixed_regions_m:
-    - min: [-1, -1, -1]
-      max: [1, 1, -0.0005])" +
-         (prestressed ? sides : "") + R"(
-simulation: {preset: balanced}
-rendering:
-  transfer_function: {from_materials: true}
-  cameras: []
-tools:
-  - {id: probe, tissue_threshold: 50}
-  - {id: scalpel, kind: scalpel, tissue_threshold: 50}
-device:
-  workspace_centre_m: [0, 0, 0]
-  way_points:
-    - {time_s: 0, position_m: [0, 0, 0]}
-)";
-}
-
-std::shared_ptr<const Volume> blockVolume(TissueKind tissue) {
-  VolumeGeometry geometry;
-  geometry.dims = {30, 30, 30};
-  geometry.spacing_m = Vector3::Constant(0.002);
-  std::vector<std::uint8_t> data(geometry.voxelCount() * sizeof(float));
-  for (int k = 0; k < 18; ++k) {  // air above
-    const auto value = float(tissue == TissueKind::kBone && k >= 12 ? kHard : kSoft);
-    for (int j = 0; j < 30; ++j) {
-      for (int i = 0; i < 30; ++i)
-        std::memcpy(data.data() + geometry.index(i, j, k) * sizeof(float), &value, sizeof(float));
-    }
-  }
-  return std::make_shared<const Volume>(geometry, ScalarType::kFloat32, std::move(data));
-}
+constexpr double kRestart_s = 0.3;  // from a simulation's death to the next one
 
 struct Grip {
   double stiffness_n_m;
@@ -146,12 +64,12 @@ Window steadyWindow(Hand hand) {
 WayPoint at(double time_s, double x_m, double height_m) {
   WayPoint point;
   point.time_s = time_s;
-  point.position_m = {x_m, kMiddle_m, kTouch_m + height_m};
+  point.position_m = {x_m, kBlockMiddle_m, kTouch_m + height_m};
   return point;
 }
 
 std::vector<WayPoint> scriptOf(Hand hand) {
-  constexpr double kX = kMiddle_m;
+  constexpr double kX = kBlockMiddle_m;
   constexpr double kFree = 0.008;
   std::vector<WayPoint> script{at(0.0, kX, kFree)};
   switch (hand) {
@@ -205,7 +123,7 @@ VirtualDeviceConfig deviceOf(const HapticSetup& setup, double step_s) {
   config.step_s = step_s;
   config.hand_stiffness_n_m = grip.stiffness_n_m;
   config.hand_damping_n_s_m = grip.damping_n_s_m;
-  config.workspace_centre_m = {kMiddle_m, kMiddle_m, kTouch_m};
+  config.workspace_centre_m = {kBlockMiddle_m, kBlockMiddle_m, kTouch_m};
   config.way_points = setup.cuts ? cutScript() : scriptOf(setup.hand);
   return config;
 }
@@ -214,7 +132,7 @@ ToolConfig toolOf(const HapticSetup& setup) {
   ToolConfig config;
   config.id = setup.cuts ? "scalpel" : "probe";
   config.kind = setup.cuts ? ToolKind::kScalpel : ToolKind::kProbe;
-  config.tissue_threshold = 0.5 * kSoft;
+  config.tissue_threshold = kBlockThreshold;
   config.tip_radius_m = setup.cuts ? 0.001 : kTipRadius_m;
   config.device = deviceLimits(setup.device);
   // Without a wish, passivity alone decides.
@@ -263,19 +181,9 @@ double swing(const std::vector<HapticSample>& trace, const Window& window) {
 
 }  // namespace
 
-HapticBlock makeHapticBlock(TissueKind tissue, double damping_ratio, double cut_resistance_j_m2) {
-  return {parseScene(sceneText(tissue, damping_ratio, cut_resistance_j_m2), "haptic block", "/"), blockVolume(tissue),
-          0.5 * kSoft, Vector3(kMiddle_m, kMiddle_m, kSurface_m)};
-}
-
 std::string nameOf(Hand hand) {
   constexpr const char* kNames[] = {"stiff grip", "loose grip", "tapping", "sliding", "release"};
   return kNames[int(hand)];
-}
-
-std::string nameOf(TissueKind tissue) {
-  constexpr const char* kNames[] = {"fat", "muscle", "prestressed muscle", "bone"};
-  return kNames[int(tissue)];
 }
 
 std::string nameOf(Sabotage sabotage) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "haptic_block.h"
 #include "soft_volume/session/session.h"
 #include "soft_volume/tool/tool.h"
 #include "soft_volume/tool/virtual_device.h"
@@ -16,8 +17,6 @@ namespace soft_volume::core::validate {
 
 /// How the device is held, and what the hand does.
 enum class Hand { kStiffGrip, kLooseGrip, kTapping, kSliding, kRelease };
-/// What lies under the tip.
-enum class TissueKind { kFat, kMuscle, kPrestressed, kBone };
 /// What goes wrong on the way, at HapticSetup::sabotage_s.
 enum class Sabotage {
   kNone,
@@ -27,21 +26,11 @@ enum class Sabotage {
   kTenfoldJitter,
   kSlowLoop,           ///< poses and ticks at 100 Hz from then on
   kSimulationKilled,   ///< no patch any more
-  kSimulationRestarts  ///< another session half a second after the first one was killed
+  kSimulationRestarts  ///< another session a while after the first one was killed
 };
 
 std::string nameOf(Hand hand);
-std::string nameOf(TissueKind tissue);
 std::string nameOf(Sabotage sabotage);
-
-/// The block that the suite presses and cuts: 60 x 60 x 36 mm in cells of 6 mm, its bottom held.
-struct HapticBlock {
-  Scene scene;
-  std::shared_ptr<const Volume> volume;
-  double threshold = 0.0;           ///< between air and tissue
-  Vector3 top_m = Vector3::Zero();  ///< a vertex in the middle of its top
-};
-HapticBlock makeHapticBlock(TissueKind tissue, double damping_ratio = 0.5, double cut_resistance_j_m2 = 0.0);
 
 /// One row of the suite: a device in a hand, on tissue, in a loop of these delays.
 struct HapticSetup {

@@ -7,7 +7,9 @@
 #include <sstream>
 
 #include "blocks.h"
-#include "haptic_rig.h"
+#include "haptic_block.h"
+#include "soft_volume/session/session.h"
+#include "soft_volume/tool/tool.h"
 
 namespace soft_volume::core::validate {
 namespace {

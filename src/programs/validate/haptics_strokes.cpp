@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "haptic_rig.h"
+#include "haptic_block.h"
 #include "scripted_run.h"
 #include "soft_volume/common/error.h"
 
@@ -128,7 +128,7 @@ WayPoint over(double time_s, double x_m, double y_m, double z_m, int button = -1
 
 /// The probe presses, slides and leaves; the scalpel cuts along the middle; the probe presses beside the cut.
 void strokesInBlock(const Options& options, Report& report) {
-  HapticBlock block = makeHapticBlock(TissueKind::kPrestressed, 0.5, 76.0);
+  HapticBlock block = makeHapticBlock(TissueKind::kPrestressed, 0.5, kToughness_j_m2);
   const double top = block.top_m.z();
   const double y = block.top_m.y();
   Scene& scene = block.scene;
