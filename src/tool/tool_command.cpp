@@ -1,23 +1,9 @@
 #include "soft_volume/tool/tool_command.h"
 
 namespace soft_volume::core {
-namespace {
-
-ToolCommandHeader fullHeader(const std::string& tool_id, const TickHeader& tick) {
-  ToolCommandHeader header;
-  header.session = tick.session;
-  header.revision = tick.revision;
-  header.step = tick.step;
-  header.tool_id = tool_id;
-  header.sequence = tick.sequence;
-  return header;
-}
-
-}  // namespace
-
 ToolForceCommand toCommand(const std::string& tool_id, const TissueForce& force) {
   ToolForceCommand command;
-  command.header = fullHeader(tool_id, force.header);
+  command.header = {force.header, tool_id, 0};
   command.hold_steps = force.hold_steps;
   command.force_n = force.force_n;
   command.point_m = force.point_m;
@@ -29,7 +15,7 @@ ToolForceCommand toCommand(const std::string& tool_id, const TissueForce& force)
 
 ToolCutCommand toCommand(const std::string& tool_id, const TissueCut& cut) {
   ToolCutCommand command;
-  command.header = fullHeader(tool_id, cut.header);
+  command.header = {cut.header, tool_id, 0};
   if (cut.quad)
     command.quads.push_back(*cut.quad);
   command.lifted = cut.lifted;

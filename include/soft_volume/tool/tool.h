@@ -103,7 +103,7 @@ struct ToolOutput {
   bool tripped = false;
 };
 
-/// A probe or a scalpel between a haptic device and the tissue.
+/// A probe, a scalpel or a grasper between a haptic device and the tissue.
 ///
 /// The tissue gets exactly the opposite of the force that the device is asked to render, after all limits (Newton's
 /// third law): a limited, ramping or dead device never pushes the tissue harder than the hand feels.

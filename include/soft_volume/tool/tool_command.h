@@ -10,14 +10,18 @@
 
 namespace soft_volume::core {
 
-/// What every command of a tool to the tissue carries; mirrors the leading fields of the messages ToolForce, ToolCut
-/// and ToolGrip, whose comments define them.
-struct ToolCommandHeader {
+/// What a tool's tick says of the state that it worked on, without the tool's name.
+struct TickHeader {
   std::uint64_t session = 0;
   std::uint32_t revision = 0;
   std::uint64_t step = 0;  ///< of the patch that it was computed on
-  std::string tool_id;
   std::uint64_t sequence = 0;
+};
+
+/// What every command of a tool to the tissue carries; mirrors the leading fields of the messages ToolForce, ToolCut
+/// and ToolGrip, whose comments define them.
+struct ToolCommandHeader : TickHeader {
+  std::string tool_id;
   std::uint64_t apply_at_step = 0;  ///< 0: next
 };
 
@@ -49,14 +53,6 @@ struct ToolGripCommand {
   Vector3 point_m = Vector3::Zero();  ///< where they close, on the deformed tissue
   double radius_m = 0.0;
   Pose pose;  ///< of the jaws; what they hold follows its change since they closed
-};
-
-/// What a tool's tick says of the state that it worked on, without the tool's name.
-struct TickHeader {
-  std::uint64_t session = 0;
-  std::uint32_t revision = 0;
-  std::uint64_t step = 0;  ///< of the patch
-  std::uint64_t sequence = 0;
 };
 
 /// A ToolForceCommand as a tick gives it: of a fixed size, because a tick takes no memory.
