@@ -1,7 +1,5 @@
 #include "soft_volume/ros/adapter_node.h"
 
-#include <geometry_msgs/PoseStamped.h>
-#include <geometry_msgs/TwistStamped.h>
 #include <ros/console.h>
 #include <ros/init.h>
 #include <sensor_msgs/Joy.h>
@@ -48,9 +46,7 @@ AdapterNode::~AdapterNode() {
 }
 
 void AdapterNode::start() {
-  pose_publisher_ = node_.advertise<geometry_msgs::PoseStamped>(profile_.topics.measured_cp, 100);
-  if (!profile_.topics.measured_cv.empty())
-    velocity_publisher_ = node_.advertise<geometry_msgs::TwistStamped>(profile_.topics.measured_cv, 100);
+  pose_publisher_ = PosePublisher(node_, profile_.topics, 100);
   if (!profile_.topics.buttons.empty())
     button_publisher_ = node_.advertise<sensor_msgs::Joy>(profile_.topics.buttons.front().topic, 100, true);
   force_publisher_ = advertise(node_, omniFeedbackType(), profile_.omni.force_feedback, 1);
@@ -80,20 +76,17 @@ void AdapterNode::hearState(const topic_tools::ShapeShifter& message) {
 
 void AdapterNode::publishState(const RuntimeFields& fields) {
   lock_position_ = vectorOf(fields, "pose.position");
-  geometry_msgs::PoseStamped pose;
-  pose.header.stamp = stampOf(fields);
-  pose.header.frame_id = profile_.base_frame;
+  std_msgs::Header header;
+  header.stamp = stampOf(fields);
+  header.frame_id = profile_.base_frame;
   const std::string q = "pose.orientation.";
   const core::Quaternion orientation(fields.number(q + "w"), fields.number(q + "x"), fields.number(q + "y"),
                                      fields.number(q + "z"));
-  pose.pose = toPose({profile_.omni.position_unit_m * lock_position_, profile_.omni.orientation_frame * orientation});
-  if (velocity_publisher_) {
-    geometry_msgs::TwistStamped velocity;
-    velocity.header = pose.header;
-    velocity.twist.linear = toVector(profile_.omni.position_unit_m * vectorOf(fields, "velocity"));
-    velocity_publisher_.publish(velocity);
-  }
-  pose_publisher_.publish(pose);  // last: it is what makes the tool act
+  const double unit_m = profile_.omni.position_unit_m;
+  const core::Vector3 velocity =
+      profile_.topics.measured_cv.empty() ? core::Vector3(core::Vector3::Zero()) : vectorOf(fields, "velocity");
+  pose_publisher_.publish(header, {unit_m * lock_position_, profile_.omni.orientation_frame * orientation},
+                          unit_m * velocity);
 }
 
 void AdapterNode::hearButtons(const topic_tools::ShapeShifter& message) {

@@ -1,7 +1,6 @@
 #include "soft_volume/ros/operating_state.h"
 
 #include "soft_volume/common/error.h"
-#include "soft_volume/ros/driver_messages.h"
 
 namespace soft_volume {
 namespace {
@@ -25,8 +24,7 @@ OperatingStateListener::OperatingStateListener(ros::NodeHandle& node, const std:
 
 void OperatingStateListener::hear(const topic_tools::ShapeShifter& message) {
   try {
-    DriverReader reader;
-    const RuntimeFields fields = reader.read(message);
+    const RuntimeFields fields = reader_.read(message);
     const std::string& state = fields.text("state");
     if (state != "ENABLED")
       set("the driver is " + state);

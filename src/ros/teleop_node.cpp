@@ -1,7 +1,5 @@
 #include "soft_volume/ros/teleop_node.h"
 
-#include <geometry_msgs/PoseStamped.h>
-#include <geometry_msgs/TwistStamped.h>
 #include <ros/console.h>
 #include <ros/init.h>
 
@@ -43,9 +41,7 @@ TeleopNode::~TeleopNode() {
 }
 
 void TeleopNode::start() {
-  pose_publisher_ = node_.advertise<geometry_msgs::PoseStamped>(profile_.topics.measured_cp, 100);
-  if (!profile_.topics.measured_cv.empty())
-    velocity_publisher_ = node_.advertise<geometry_msgs::TwistStamped>(profile_.topics.measured_cv, 100);
+  pose_publisher_ = PosePublisher(node_, profile_.topics, 100);
   if (profile_.style == core::DeviceStyle::kJoy) {
     joy_subscriber_ = node_.subscribe(profile_.teleop.joy, 10, &TeleopNode::hearJoy, this);
   } else {
@@ -112,18 +108,10 @@ void TeleopNode::tick(const ros::Time& now, double dt_s) {
   if (terminal_)
     readKeys();
   teleoperation_.step(deflection(), dt_s);
-  geometry_msgs::PoseStamped pose;
-  pose.header.stamp = now;
-  pose.header.frame_id = profile_.base_frame;
-  pose.pose = toPose(teleoperation_.pose());
-  if (velocity_publisher_) {
-    geometry_msgs::TwistStamped velocity;
-    velocity.header = pose.header;
-    velocity.twist.linear = toVector(teleoperation_.velocity_m_s());
-    velocity.twist.angular = toVector(teleoperation_.turn_rad_s());
-    velocity_publisher_.publish(velocity);
-  }
-  pose_publisher_.publish(pose);
+  std_msgs::Header header;
+  header.stamp = now;
+  header.frame_id = profile_.base_frame;
+  pose_publisher_.publish(header, teleoperation_.pose(), teleoperation_.velocity_m_s(), teleoperation_.turn_rad_s());
 }
 
 }  // namespace soft_volume

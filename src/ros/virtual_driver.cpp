@@ -1,7 +1,6 @@
 #include "virtual_driver.h"
 
 #include <geometry_msgs/PoseStamped.h>
-#include <geometry_msgs/TwistStamped.h>
 #include <geometry_msgs/WrenchStamped.h>
 #include <sensor_msgs/JointState.h>
 #include <sensor_msgs/Joy.h>
@@ -18,6 +17,7 @@
 #include "soft_volume/common/error.h"
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/ros/driver_messages.h"
+#include "soft_volume/ros/pose_publisher.h"
 
 namespace soft_volume {
 namespace {
@@ -40,9 +40,7 @@ class CrtkDriver : public VirtualDriver {
         incidents_(&incidents),
         take_force_(std::move(take_force)) {
     const core::DeviceTopics& topics = profile.topics;
-    pose_publisher_ = node_.advertise<geometry_msgs::PoseStamped>(topics.measured_cp, 1000);
-    if (!topics.measured_cv.empty())
-      velocity_publisher_ = node_.advertise<geometry_msgs::TwistStamped>(topics.measured_cv, 1000);
+    pose_publisher_ = PosePublisher(node_, topics, 1000);
     for (const core::ButtonSource& source : topics.buttons) {
       button_publishers_.push_back(source.closed_below
                                        ? node_.advertise<sensor_msgs::JointState>(source.topic, 1000, !every_tick)
@@ -60,17 +58,7 @@ class CrtkDriver : public VirtualDriver {
     orientation_.store(sample.pose.orientation);
     if (every_tick_ || sample.buttons != published_buttons_)
       publishButtons(sample);
-    const std_msgs::Header header = headerOf(sample, profile_.base_frame);
-    if (velocity_publisher_) {
-      geometry_msgs::TwistStamped velocity;
-      velocity.header = header;
-      velocity.twist.linear = toVector(sample.velocity_m_s);
-      velocity_publisher_.publish(velocity);
-    }
-    geometry_msgs::PoseStamped pose;
-    pose.header = header;
-    pose.pose = toPose(sample.pose);
-    pose_publisher_.publish(pose);  // last: it is what makes the tool act
+    pose_publisher_.publish(headerOf(sample, profile_.base_frame), sample.pose, sample.velocity_m_s);
   }
 
  private:
@@ -110,7 +98,7 @@ class CrtkDriver : public VirtualDriver {
 
   void hearCommand(const topic_tools::ShapeShifter& message) {
     try {
-      const std::string command = DriverReader().read(message).text("string");
+      const std::string command = command_reader_.read(message).text("string");
       if (command != "enable" && command != "disable")
         throw core::InputError("the command is '" + command + "'; use enable or disable");
       enabled_ = command == "enable";
@@ -166,9 +154,11 @@ class CrtkDriver : public VirtualDriver {
   bool every_tick_;
   IncidentLog* incidents_;
   ForceCallback take_force_;
-  ros::Publisher pose_publisher_, velocity_publisher_, state_publisher_;
+  PosePublisher pose_publisher_;
+  ros::Publisher state_publisher_;
   std::vector<ros::Publisher> button_publishers_;
   ros::Subscriber servo_subscriber_, command_subscriber_;
+  DriverReader command_reader_;
   std::optional<core::Buttons> published_buttons_;
   SharedOrientation orientation_;
   std::atomic<bool> enabled_{true};

@@ -9,6 +9,7 @@
 
 #include "soft_volume/ros/driver_messages.h"
 #include "soft_volume/ros/incident_log.h"
+#include "soft_volume/ros/pose_publisher.h"
 #include "soft_volume/scene/device_profile.h"
 
 namespace soft_volume {
@@ -41,7 +42,8 @@ class AdapterNode {
 
   ros::NodeHandle node_;
   core::DeviceProfile profile_;
-  ros::Publisher pose_publisher_, velocity_publisher_, button_publisher_, force_publisher_;
+  PosePublisher pose_publisher_;
+  ros::Publisher button_publisher_, force_publisher_;
   ros::Subscriber state_subscriber_, button_subscriber_, servo_subscriber_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_, watch_timer_;

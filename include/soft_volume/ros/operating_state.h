@@ -7,6 +7,7 @@
 #include <mutex>
 #include <string>
 
+#include "soft_volume/ros/driver_messages.h"
 #include "soft_volume/ros/incident_log.h"
 
 namespace soft_volume {
@@ -35,6 +36,7 @@ class OperatingStateListener {
   std::string topic_;
   bool needs_homing_;
   IncidentLog* incidents_;
+  DriverReader reader_;
   std::atomic<bool> allowed_{false};
   mutable std::mutex mutex_;  // guards the reason
   std::string reason_;

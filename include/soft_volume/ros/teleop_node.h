@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "soft_volume/ros/incident_log.h"
+#include "soft_volume/ros/pose_publisher.h"
 #include "soft_volume/ros/terminal_keys.h"
 #include "soft_volume/scene/device_profile.h"
 #include "soft_volume/tool/teleoperation.h"
@@ -40,7 +41,8 @@ class TeleopNode {
   ros::NodeHandle node_;
   core::DeviceProfile profile_;
   core::Teleoperation teleoperation_;
-  ros::Publisher pose_publisher_, velocity_publisher_, button_publisher_;
+  PosePublisher pose_publisher_;
+  ros::Publisher button_publisher_;
   ros::Subscriber joy_subscriber_;
   IncidentLog incidents_;
 
