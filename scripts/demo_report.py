@@ -145,7 +145,8 @@ def last_until(frames, time_s):
 
 def choose_moments(run, frames):
     """(caption, frame) of what happened, in order; a run that ends early has fewer."""
-    events = sorted([(poke, True) for poke in run.pokes] + [(stroke, False) for stroke in run.strokes])
+    strokes = [stroke for stroke in run.strokes if cuts(stroke, frames)]
+    events = sorted([(poke, True) for poke in run.pokes] + [(stroke, False) for stroke in strokes])
     starts_s = [event[0] for event, _ in events] + [math.inf]
     moments = [("before", last_until(frames, starts_s[0]))]
     for n, ((begin_s, end_s), is_poke) in enumerate(events):
@@ -156,6 +157,13 @@ def choose_moments(run, frames):
         if frames[-1].time_s > end_s:
             moments.append(("released" if is_poke else "opened", last_until(frames, starts_s[n + 1])))
     return moments
+
+
+def cuts(stroke, frames):
+    """Whether a stroke met tissue: a blade on its way to it sends sweeps, too."""
+    begin_s, end_s = stroke
+    after = next((frame for frame in frames if frame.time_s >= end_s), frames[-1])
+    return after.revision > last_until(frames, begin_s).revision
 
 
 def during_cut(frames):
