@@ -616,6 +616,9 @@ SimulationStats statsMessage(const core::Session& session) {
   message.threads = static_cast<std::uint32_t>(simulation.threads());
   message.max_displacement = session.maxDisplacement();
   message.max_speed = simulation.maxSpeed();
+  const core::Mechanics mechanics = simulation.mechanics();
+  message.kinetic_energy = mechanics.kinetic_j;
+  message.elastic_energy = mechanics.elastic_j;
   message.cut_opening = session.cutOpening();
   message.faces_opened = session.cutCounts().faces_opened;
   message.cuts_in_vain = session.cutCounts().in_vain;

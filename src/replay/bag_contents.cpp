@@ -72,11 +72,11 @@ MessageStart readStart(const std::string& type, std::vector<std::uint8_t> bytes)
   if (type == ros::message_traits::datatype<SimulationJournal>())
     stream.next(start.message.first_step);
   if (type == ros::message_traits::datatype<GridState>()) {
-    double simulation_time = 0.0;
     std::uint8_t key_frame = 0;
-    stream.next(simulation_time);
+    stream.next(start.message.time_s);
     stream.next(key_frame);
     stream.next(start.message.base_step);
+    start.message.key_frame = key_frame != 0;
   }
   return start;
 }
@@ -180,6 +180,19 @@ void BagContents::addImage(const rosbag::MessageInstance& instance) {
   stream.next(header);
   images_.push_back(
       {std::make_shared<rosbag::MessageInstance>(instance), instance.getTopic(), header.stamp.toNSec(), false});
+}
+
+bool BagContents::visit(const std::string& type, const std::string& md5sum,
+                        const std::function<void(const rosbag::MessageInstance&)>& take) const {
+  bool same_version = true;
+  rosbag::View view(bag_, [&](const rosbag::ConnectionInfo* connection) {
+    const bool wanted = connection->datatype == type;
+    same_version = same_version && (!wanted || connection->md5sum == md5sum);
+    return wanted && connection->md5sum == md5sum;
+  });
+  for (const rosbag::MessageInstance& instance : view)
+    take(instance);
+  return same_version;
 }
 
 SessionMessages& BagContents::session(std::uint64_t id) {

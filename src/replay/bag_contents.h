@@ -4,35 +4,19 @@
 #include <rosbag/view.h>
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "bag_records.h"
 #include "recorded_inputs.h"
-#include "soft_volume/messages/checked_stream.h"
+#include "soft_volume/replay/parse_message.h"
 #include "soft_volume/replay/replay_bag.h"
 
 namespace soft_volume {
 
 std::vector<std::uint8_t> readBytes(const rosbag::MessageInstance& instance, std::uint64_t largest);
-
-/// Deserialises the whole of `bytes`. Throws ReplayError when they are not exactly one message.
-template <typename Message>
-Message parseMessage(std::vector<std::uint8_t> bytes) {
-  Message message;
-  CheckedStream stream(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
-  try {
-    stream.next(message);
-  } catch (const std::exception& error) {
-    stream = CheckedStream(bytes.data(), 1);
-  }
-  if (stream.getLength() != 0) {
-    throw ReplayError(std::string("the bag is damaged: a ") + ros::message_traits::datatype<Message>() +
-                      " in it cannot be read");
-  }
-  return message;
-}
 
 /// A message of our own in the bag; its content is read when it is needed.
 struct BagMessage {
@@ -41,6 +25,8 @@ struct BagMessage {
   std::uint64_t step = 0;
   std::uint64_t first_step = 0;  ///< of a journal
   std::uint64_t base_step = 0;   ///< of a state
+  double time_s = 0.0;           ///< of a state: simulated time
+  bool key_frame = false;        ///< of a state
 };
 
 /// What a bag holds of one run, each list in the order of steps.
@@ -75,6 +61,9 @@ class BagContents {
   std::vector<std::uint8_t> bytes(const rosbag::MessageInstance& instance) const {
     return readBytes(instance, records_.largest_chunk_bytes);
   }
+  /// Every message of a type in the order of the recording. False when the bag holds the type in another version.
+  bool visit(const std::string& type, const std::string& md5sum,
+             const std::function<void(const rosbag::MessageInstance&)>& take) const;
   template <typename Message>
   Message read(const rosbag::MessageInstance& instance) const {
     return parseMessage<Message>(bytes(instance));

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "arguments.h"
+#include "soft_volume/replay/comparison.h"
+#include "soft_volume/replay/replay_bag.h"
+#include "soft_volume/replay/tolerance.h"
+
+namespace soft_volume::replay_program {
+
+/// What the parts of the program did and found, for its output, its report and its exit code.
+struct Findings {
+  std::optional<ReplayReport> check;     ///< as far as it came
+  std::optional<Comparison> comparison;  ///< of --against, or of what --resimulate wrote with what was recorded
+  std::vector<Judgement> judgements;     ///< of the check and the comparison
+  std::vector<std::string> notes;        ///< of the other parts, for the output
+  std::string error;                     ///< why something could not be done; empty when all was
+};
+
+// The parts of the program in the order in which they run, in the guarded process. Each does nothing when its option
+// was not given, adds to the findings, and throws ReplayError or another exception of common/error.h.
+
+/// --check and --frames.
+void check(const Arguments& arguments, Findings& findings);
+
+/// What the check found, as a table.
+void printCheck(const Arguments& arguments, const Findings& findings);
+
+}  // namespace soft_volume::replay_program
