@@ -62,7 +62,7 @@ bool endsWith(const std::string& text, const std::string& ending) {
 }  // namespace
 
 FrameReplay::FrameReplay(BagContents& contents, const ReplayOptions& options, ReplayReport& report)
-    : contents_(&contents), options_(&options), report_(&report) {}
+    : contents_(&contents), options_(&options), report_(&report), painter_(options.threads) {}
 
 std::optional<ReplayDifference> FrameReplay::check(const core::Session& session, const RenderStats& stats) {
   const auto& cameras = session.scene().rendering.cameras;
@@ -86,43 +86,32 @@ std::optional<ReplayDifference> FrameReplay::check(const core::Session& session,
   const std::optional<sensor_msgs::Image> recorded = findRecorded(stats);
   if (!recorded)
     ++report_->frames_without_image;
-  return stats.renderer == renderer_->driver() ? compareExactly(image, stats, recorded)
-                                               : compareByPsnr(image, stats, recorded);
+  if (options_->on_frame)
+    show(stats, recorded, image);
+  return stats.renderer == painter_.driver() ? compareExactly(image, stats, recorded)
+                                             : compareByPsnr(image, stats, recorded);
 }
 
-/// Always the whole frame: where the node drew only what had changed, equal hashes say that both are the same.
 core::Image FrameReplay::render(const core::Session& session, const core::RenderSettings& settings,
                                 const RenderStats& stats) {
-  updateRenderer(session, settings, stats.settings);
-  core::RenderOptions options = settings.coarser(stats.coarseness);
-  options.threads = options_->threads;
   const auto camera_settings = std::find_if(settings.cameras.begin(), settings.cameras.end(),
                                             [&](const auto& c) { return c.name == stats.camera; });
   core::Camera camera = camera_settings->camera;
   camera.T_volume_camera = fromPose(stats.pose);
-  std::vector<core::Vector3f> positions;
+  PaintedState state{
+      session.id(), session.lattice().revision, session.volume(), [&] { return session.topology(); }, {}};
   for (const core::Vector3& p : session.drawnPositions())
-    positions.push_back(p.cast<float>());
-  renderer_->forgetFrame();
-  return renderer_->render(camera, positions, options).toRgb8(settings.background);
+    state.positions_m.push_back(p.cast<float>());
+  return painter_.paint(state, settings, stats.settings, camera, stats.coarseness);
 }
 
-void FrameReplay::updateRenderer(const core::Session& session, const core::RenderSettings& settings,
-                                 const std::string& text) {
-  if (!renderer_ || backend_ != settings.backend) {
-    renderer_ = std::make_unique<core::Renderer>(settings.backend);
-    backend_ = settings.backend;
-    drawn_session_ = 0;
-  }
-  if (drawn_session_ != session.id())
-    renderer_->setVolume(session.volume());
-  if (drawn_session_ != session.id() || drawn_settings_ != text)
-    renderer_->setTransferFunction(settings.transfer_function);
-  if (drawn_session_ != session.id() || drawn_revision_ != session.lattice().revision)
-    renderer_->setTopology(session.topology());
-  drawn_session_ = session.id();
-  drawn_revision_ = session.lattice().revision;
-  drawn_settings_ = text;
+void FrameReplay::show(const RenderStats& stats, const std::optional<sensor_msgs::Image>& recorded,
+                       const core::Image& image) const {
+  core::Image former;
+  const bool comparable = recorded && hasShape(*recorded, image);
+  if (comparable)
+    former = {image.width, image.height, recorded->data};
+  options_->on_frame({stats.camera, stats.session, stats.step, comparable ? &former : nullptr, &image});
 }
 
 void FrameReplay::writeFrame(const RenderStats& stats, const core::Image& image) {
@@ -183,7 +172,7 @@ std::optional<ReplayDifference> FrameReplay::compareByPsnr(const core::Image& im
     report_->lowest_psnr_db = first ? apart.psnr_db : std::min(report_->lowest_psnr_db, apart.psnr_db);
   }
   if (report_->frames_by_psnr++ == 0) {
-    report_->notes.push_back("frames were drawn by \"" + stats.renderer + "\" and here by \"" + renderer_->driver() +
+    report_->notes.push_back("frames were drawn by \"" + stats.renderer + "\" and here by \"" + painter_.driver() +
                              "\": they are compared by PSNR, at least 40 dB");
   }
   if (apart.psnr_db >= kLowestPsnr_db)

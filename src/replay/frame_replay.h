@@ -4,12 +4,11 @@
 #include <soft_volume/RenderStats.h>
 
 #include <map>
-#include <memory>
 #include <optional>
 #include <string>
 
 #include "bag_contents.h"
-#include "soft_volume/render/renderer.h"
+#include "frame_painter.h"
 #include "soft_volume/session/session.h"
 
 namespace soft_volume {
@@ -20,13 +19,14 @@ class FrameReplay {
   FrameReplay(BagContents& contents, const ReplayOptions& options, ReplayReport& report);
 
   /// Forgets the session before.
-  void begin() { drawn_session_ = 0; }
+  void begin() { painter_.forget(); }
   /// Draws what `stats` describes from the session's state now, which is of that step and revision.
   std::optional<ReplayDifference> check(const core::Session& session, const RenderStats& stats);
 
  private:
   core::Image render(const core::Session& session, const core::RenderSettings& settings, const RenderStats& stats);
-  void updateRenderer(const core::Session& session, const core::RenderSettings& settings, const std::string& text);
+  void show(const RenderStats& stats, const std::optional<sensor_msgs::Image>& recorded,
+            const core::Image& image) const;
   void writeFrame(const RenderStats& stats, const core::Image& image);
   std::optional<sensor_msgs::Image> findRecorded(const RenderStats& stats);
   std::optional<ReplayDifference> compareExactly(const core::Image& image, const RenderStats& stats,
@@ -37,11 +37,7 @@ class FrameReplay {
   BagContents* contents_;
   const ReplayOptions* options_;
   ReplayReport* report_;
-  std::unique_ptr<core::Renderer> renderer_;
-  core::Backend backend_{};
-  std::uint64_t drawn_session_ = 0;
-  std::uint32_t drawn_revision_ = 0;
-  std::string drawn_settings_;          ///< as RenderStats has them
+  FramePainter painter_;
   std::map<std::string, int> written_;  ///< frame files by name, and how often the name was wanted
 };
 

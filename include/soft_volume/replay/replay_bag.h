@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "soft_volume/common/error.h"
+#include "soft_volume/render/image_io.h"
 
 namespace soft_volume {
 
@@ -16,10 +17,20 @@ class ReplayError : public core::Error {
   using Error::Error;
 };
 
+/// A frame that was drawn again.
+struct ReplayedFrame {
+  std::string camera;
+  std::uint64_t session = 0;
+  std::uint64_t step = 0;
+  const core::Image* recorded = nullptr;  ///< null where no image of this size was recorded
+  const core::Image* replayed = nullptr;
+};
+
 struct ReplayOptions {
   bool check = true;       ///< compare with what was recorded; otherwise frames are only rendered again
   std::string frames_dir;  ///< where rendered frames go as CAMERA_STEP.png; empty for nowhere
   int threads = 1;
+  std::function<void(const ReplayedFrame&)> on_frame;  ///< called for every frame that is compared; or empty
 };
 
 /// Something that is not as it was recorded.
