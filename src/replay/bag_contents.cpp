@@ -3,6 +3,7 @@
 #include <sensor_msgs/Image.h>
 #include <soft_volume/GridState.h>
 #include <soft_volume/GridTopology.h>
+#include <soft_volume/RecorderStatus.h>
 #include <soft_volume/RenderStats.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationCheckpoint.h>
@@ -97,7 +98,15 @@ bool isOursByDefinition(const rosbag::ConnectionInfo& connection) {
   });
 }
 
+/// Bags of other recorders, and of versions that told less, are read all the same.
+bool tellsEvents(const rosbag::ConnectionInfo& connection) {
+  return connection.datatype == ros::message_traits::datatype<RecorderStatus>() &&
+         connection.md5sum == ros::message_traits::md5sum<RecorderStatus>();
+}
+
 bool isRead(const rosbag::ConnectionInfo* connection) {
+  if (tellsEvents(*connection))
+    return true;
   const auto type = knownTypes().find(connection->datatype);
   if (type == knownTypes().end())
     return false;
@@ -161,6 +170,8 @@ void BagContents::checkConnections() {
 
 void BagContents::addMessage(const rosbag::MessageInstance& instance) {
   const std::string& name = instance.getDataType();
+  if (name == ros::message_traits::datatype<RecorderStatus>())
+    return addEvents(instance);
   const KnownType& type = knownTypes().at(name);
   if (type.is_input) {
     inputs_.add(name, bytes(instance));
@@ -193,6 +204,15 @@ bool BagContents::visit(const std::string& type, const std::string& md5sum,
   for (const rosbag::MessageInstance& instance : view)
     take(instance);
   return same_version;
+}
+
+/// A status may be there twice: written by the recorder, and recorded as a topic.
+void BagContents::addEvents(const rosbag::MessageInstance& instance) {
+  const auto status = read<RecorderStatus>(instance);
+  for (const RecorderEvent& event : status.events) {
+    if (known_events_.emplace(event.stamp, event.text).second)
+      events_.push_back(event);
+  }
 }
 
 SessionMessages& BagContents::session(std::uint64_t id) {

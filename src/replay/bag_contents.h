@@ -2,11 +2,14 @@
 
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
+#include <soft_volume/RecorderEvent.h>
 
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bag_records.h"
@@ -57,6 +60,8 @@ class BagContents {
   std::vector<SessionMessages>& sessions() { return sessions_; }
   RecordedInputs& inputs() { return inputs_; }
   std::vector<BagImage>& images() { return images_; }
+  /// What the recorder saw happen, in the order of time.
+  const std::vector<RecorderEvent>& events() const { return events_; }
 
   std::vector<std::uint8_t> bytes(const rosbag::MessageInstance& instance) const {
     return readBytes(instance, records_.largest_chunk_bytes);
@@ -74,6 +79,7 @@ class BagContents {
   void sortMessages();
   void addMessage(const rosbag::MessageInstance& instance);
   void addImage(const rosbag::MessageInstance& instance);
+  void addEvents(const rosbag::MessageInstance& instance);
   SessionMessages& session(std::uint64_t id);
 
   BagRecords records_;
@@ -82,6 +88,8 @@ class BagContents {
   std::vector<SessionMessages> sessions_;
   RecordedInputs inputs_;
   std::vector<BagImage> images_;
+  std::vector<RecorderEvent> events_;
+  std::set<std::pair<ros::Time, std::string>> known_events_;
 };
 
 }  // namespace soft_volume

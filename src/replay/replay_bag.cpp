@@ -13,6 +13,7 @@ namespace soft_volume {
 namespace {
 
 constexpr std::size_t kMostDifferences = 20;
+constexpr std::size_t kMostEvents = 50;
 
 struct PlannedSession {
   const SessionMessages* messages;
@@ -48,6 +49,17 @@ std::vector<PlannedSession> planSessions(BagContents& contents, ReplayReport& re
   return planned;
 }
 
+/// What the recorder saw happen, as far as it explains what the bag lacks.
+void noteEvents(const std::vector<RecorderEvent>& events, ReplayReport& report) {
+  std::size_t told = 0;
+  for (const RecorderEvent& event : events) {
+    if (++told <= kMostEvents)
+      report.notes.push_back("recorder, step " + std::to_string(event.step) + ": " + event.text);
+  }
+  if (told > kMostEvents)
+    report.notes.push_back("recorder: " + std::to_string(told - kMostEvents) + " more events");
+}
+
 /// Inputs that seemed to be sent while nothing was recorded, but whose messages are there with another tool or number.
 void checkAltered(const RecordedInputs& inputs, const std::vector<JournalEntry>& entries, std::uint64_t session,
                   ReplayReport& report) {
@@ -80,6 +92,7 @@ void replayBag(const std::string& path, const ReplayOptions& options, const Repl
                ReplayReport& report) {
   const auto begin = std::chrono::steady_clock::now();
   BagContents contents(path);
+  noteEvents(contents.events(), report);
   const std::vector<PlannedSession> planned = planSessions(contents, report);
   if (planned.empty()) {
     throw ReplayError(path +

@@ -23,6 +23,7 @@ constexpr char kServoForce[] = "servo_cf";
 constexpr char kButtons[] = "joy";
 constexpr char kRenderStats[] = "render/stats";
 constexpr char kRecorderStatus[] = "recorder/status";
+constexpr char kRecordingInfo[] = "recorder/info";
 
 // Services of the simulation.
 constexpr char kReset[] = "simulation/reset";
