@@ -132,8 +132,6 @@ void refuseMissing(const Arguments& a) {
   refuse(!a.tolerance.empty(), "--tolerance");
   refuse(!a.render.dir.empty(), "--render");
   refuse(!a.video.empty(), "--video");
-  refuse(!a.vtu_dir.empty(), "--export-vtu");
-  refuse(!a.csv_dir.empty(), "--export-csv");
   refuse(!a.report.empty(), "--report");
 }
 

@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
 #include <new>
 
 #include "findings.h"
+#include "folders.h"
 #include "progress_bar.h"
 
 namespace soft_volume::replay_program {
@@ -51,13 +51,6 @@ void printSummary(const ReplayReport& report, bool check) {
   for (std::size_t n = 1; n < std::min<std::size_t>(4, report.first_differences.size()); ++n) {
     printDifference("           then", report.first_differences[n]);
   }
-}
-
-void makeFolder(const std::string& path) {
-  std::error_code error;
-  std::filesystem::create_directories(path, error);
-  if (error)
-    throw ReplayError(path + ": the folder cannot be made: " + error.message());
 }
 
 }  // namespace

@@ -26,6 +26,9 @@ struct Findings {
 /// --check and --frames.
 void check(const Arguments& arguments, Findings& findings);
 
+/// --export-csv and --export-vtu.
+void exportRun(const Arguments& arguments, Findings& findings);
+
 /// What the check found, as a table.
 void printCheck(const Arguments& arguments, const Findings& findings);
 

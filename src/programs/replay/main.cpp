@@ -19,6 +19,7 @@ using soft_volume::ReplayReport;
 
 void runParts(const Arguments& arguments, Findings& findings) {
   check(arguments, findings);
+  exportRun(arguments, findings);
 }
 
 void writeJson(const Arguments& arguments, const Findings& findings) {
