@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "soft_volume/replay/replay_bag.h"
+#include "soft_volume/replay/tolerance.h"
 
 namespace soft_volume::replay_program {
 namespace {
@@ -127,9 +128,7 @@ void refuseMissing(const Arguments& a) {
     if (given)
       throw ReplayError(std::string(option) + ": this version cannot do that yet");
   };
-  refuse(!a.against.empty(), "--against");
   refuse(a.resimulate.has_value(), "--resimulate");
-  refuse(!a.tolerance.empty(), "--tolerance");
   refuse(!a.render.dir.empty(), "--render");
   refuse(!a.video.empty(), "--video");
   refuse(!a.report.empty(), "--report");
@@ -147,6 +146,8 @@ void checkArguments(const Arguments& a) {
   if (!a.tolerance.empty() && !a.check && a.against.empty() && !a.resimulate)
     throw ReplayError("--tolerance judges what --check or --against finds; say one of these");
   refuseMissing(a);
+  if (!a.tolerance.empty())
+    parseTolerance(a.tolerance);
 }
 
 }  // namespace
@@ -158,7 +159,7 @@ std::optional<int> parseArguments(int argc, char** argv, Arguments& arguments) {
   addWork(app, arguments);
   addRender(app, arguments.render);
   addOutput(app, arguments);
-  app.footer(std::string(kExamples) + kFooter);
+  app.footer(std::string(kExamples) + toleranceHelp() + kFooter);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

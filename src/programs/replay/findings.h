@@ -18,6 +18,7 @@ struct Findings {
   std::vector<Judgement> judgements;     ///< of the check and the comparison
   std::vector<std::string> notes;        ///< of the other parts, for the output
   std::string error;                     ///< why something could not be done; empty when all was
+  double wall_s = 0.0;
 };
 
 // The parts of the program in the order in which they run, in the guarded process. Each does nothing when its option
@@ -26,10 +27,17 @@ struct Findings {
 /// --check and --frames.
 void check(const Arguments& arguments, Findings& findings);
 
+/// --against.
+void compare(const Arguments& arguments, Findings& findings);
+/// Holds what was found against --tolerance; without one, what --against finds has to be identical.
+void judgeFindings(const Arguments& arguments, Findings& findings);
+
 /// --export-csv and --export-vtu.
 void exportRun(const Arguments& arguments, Findings& findings);
 
-/// What the check found, as a table.
+// What was found, on stdout.
 void printCheck(const Arguments& arguments, const Findings& findings);
+void printComparison(const Findings& findings);
+void printJudgements(const Findings& findings);
 
 }  // namespace soft_volume::replay_program

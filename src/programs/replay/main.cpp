@@ -1,9 +1,12 @@
 // soft_volume_replay: runs a recorded bag again, compares it, and writes it in other forms. Needs no ROS master.
 
+#include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <exception>
 #include <fstream>
 #include <new>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -19,14 +22,52 @@ using soft_volume::ReplayReport;
 
 void runParts(const Arguments& arguments, Findings& findings) {
   check(arguments, findings);
+  compare(arguments, findings);
+  judgeFindings(arguments, findings);
   exportRun(arguments, findings);
+}
+
+bool isDifferent(const Findings& findings) {
+  return (findings.check && !findings.check->identical()) || !soft_volume::allWithin(findings.judgements);
+}
+
+std::uint64_t countDifferences(const Findings& findings) {
+  const auto beyond = std::count_if(findings.judgements.begin(), findings.judgements.end(),
+                                    [](const soft_volume::Judgement& j) { return !j.within; });
+  return (findings.check ? findings.check->differences : 0) + static_cast<std::uint64_t>(beyond);
+}
+
+bool isCompared(const Arguments& arguments) {
+  return arguments.check || !arguments.against.empty() || !arguments.tolerance.empty();
+}
+
+/// The counts of the check as they have always been, with what else was found beside them.
+nlohmann::json toJson(const Findings& findings) {
+  nlohmann::json json =
+      nlohmann::json::parse(soft_volume::toJson(findings.check.value_or(ReplayReport()), findings.error));
+  if (findings.comparison) {
+    json["comparison"] = nlohmann::json::parse(soft_volume::toJson(*findings.comparison));
+    json["identical"] = json["identical"].get<bool>() && findings.comparison->identical();
+  }
+  nlohmann::json judgements = nlohmann::json::array();
+  for (const soft_volume::Judgement& judgement : findings.judgements) {
+    judgements.push_back({{"key", judgement.key},
+                          {"subject", judgement.subject},
+                          {"measured", judgement.measured},
+                          {"limit", judgement.limit},
+                          {"within", judgement.within},
+                          {"text", judgement.text}});
+  }
+  json["judgements"] = judgements;
+  json["within"] = findings.error.empty() && !isDifferent(findings);
+  return json;
 }
 
 void writeJson(const Arguments& arguments, const Findings& findings) {
   if (arguments.json.empty())
     return;
   std::ofstream file(arguments.json);
-  file << soft_volume::toJson(findings.check.value_or(ReplayReport()), findings.error);
+  file << toJson(findings).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << "\n";
   file.close();
   if (!file)
     throw ReplayError(arguments.json + ": the JSON cannot be written");
@@ -37,26 +78,29 @@ int conclude(const Arguments& arguments, const Findings& findings) {
   std::fflush(stdout);
   if (!findings.error.empty())
     std::fprintf(stderr, "soft_volume_replay: %s\n", findings.error.c_str());
-  if (findings.check && !findings.check->identical()) {
-    std::printf("DIFFERENT: %llu differences\n", static_cast<unsigned long long>(findings.check->differences));
+  if (isDifferent(findings)) {
+    std::printf("DIFFERENT: %llu differences\n", static_cast<unsigned long long>(countDifferences(findings)));
     return kDifferent;
   }
   if (!findings.error.empty())
     return kImpossible;
-  const double wall_s = findings.check ? findings.check->wall_s : 0.0;
-  std::printf(arguments.check ? "identical (%.1f s)\n" : "done (%.1f s)\n", wall_s);
+  const char* verdict = !isCompared(arguments) ? "done" : arguments.tolerance.empty() ? "identical" : "within";
+  std::printf("%s (%.1f s)\n", verdict, findings.wall_s);
   return kWithin;
 }
 
 int finish(const Arguments& arguments, const Findings& findings) {
   writeJson(arguments, findings);
   printCheck(arguments, findings);
+  printComparison(findings);
+  printJudgements(findings);
   for (const std::string& note : findings.notes)
     std::printf("note: %s\n", note.c_str());
   return conclude(arguments, findings);
 }
 
 int work(const Arguments& arguments) {
+  const auto begin = std::chrono::steady_clock::now();
   Findings findings;
   try {
     runParts(arguments, findings);
@@ -65,6 +109,7 @@ int work(const Arguments& arguments) {
   } catch (const std::exception& failure) {
     findings.error = failure.what();
   }
+  findings.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return finish(arguments, findings);
 }
 

@@ -1,0 +1,545 @@
+#include "soft_volume/replay/comparison.h"
+
+#include <geometry_msgs/WrenchStamped.h>
+#include <soft_volume/ToolForce.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+
+#include "grid_pair.h"
+#include "soft_volume/messages/journal.h"
+#include "soft_volume/messages/topics.h"
+
+namespace soft_volume {
+namespace {
+
+constexpr double kSameTime_s = 1e-6;
+constexpr double kSameFrame_s = 1e-3;
+/// What moved less is at rest, for the RMS: part of a cell's edge.
+constexpr double kMoved = 0.01;
+/// Frames take longest to compare; for the progress only.
+constexpr double kFrameWork = 4.0;
+
+ComparedQuantity quantity(const char* key, const std::string& subject, const std::string& title, const char* unit,
+                          std::size_t run) {
+  ComparedQuantity made;
+  made.key = key;
+  made.subject = subject;
+  made.title = title;
+  made.unit = unit;
+  made.run = run;
+  return made;
+}
+
+/// A vector as a function of time that holds between its values.
+class HeldVector {
+ public:
+  void set(double time_s, const core::Vector3& value) {
+    if (!values_.empty() && values_.back().first >= time_s) {
+      values_.back().second = value;
+    } else {
+      values_.emplace_back(time_s, value);
+    }
+  }
+  core::Vector3 at(double time_s) const {
+    const auto after = std::upper_bound(values_.begin(), values_.end(), time_s + kSameTime_s,
+                                        [](double time, const auto& value) { return time < value.first; });
+    return after == values_.begin() ? core::Vector3::Zero() : std::prev(after)->second;
+  }
+  const std::vector<std::pair<double, core::Vector3>>& values() const { return values_; }
+  bool empty() const { return values_.empty(); }
+
+ private:
+  std::vector<std::pair<double, core::Vector3>> values_;
+};
+
+using Vectors = std::map<std::string, HeldVector>;
+
+/// What each tool pressed on the tissue, as far as the journal applied it, by the times of the poses that the forces
+/// were computed from. `shift_s` is added to all times.
+Vectors toolForces(const RecordedRun& run, double shift_s) {
+  struct Held {
+    HeldVector force;
+    double expires_s = INFINITY;
+  };
+  std::map<std::string, Held> tools;
+  const auto expire = [](Held& held, double time_s) {
+    if (held.expires_s < time_s)
+      held.force.set(held.expires_s, core::Vector3::Zero());
+  };
+  for (const RecordedEntry& recorded : run.entries()) {
+    const JournalEntry& entry = recorded.entry;
+    if (entry.topic != topics::kToolForce || entry.outcome != JournalEntry::APPLIED)
+      continue;
+    const auto message = fromPayload<ToolForce>(entry.payload);
+    const double time_s = run.timeOf(message.header.stamp) + shift_s;
+    Held& held = tools[message.tool_id];
+    expire(held, time_s);
+    held.force.set(time_s, fromVector(message.force));
+    held.expires_s = time_s + run.timeOfStep(entry.step + message.hold_steps) - run.timeOfStep(entry.step);
+  }
+  Vectors forces;
+  for (auto& [tool, held] : tools) {
+    expire(held, INFINITY);
+    forces[tool] = std::move(held.force);
+  }
+  return forces;
+}
+
+Vectors deviceForces(const RecordedRun& run, double shift_s) {
+  Vectors forces;
+  for (const auto& recorded : run.messages<geometry_msgs::WrenchStamped>()) {
+    const double time_s = run.timeOf(recorded.message.header.stamp) + shift_s;
+    forces[recorded.topic].set(time_s, fromVector(recorded.message.wrench.force));
+  }
+  return forces;
+}
+
+/// What has to be added to times of the second run to get those of the first. Where their stamps overlap, both heard
+/// the same devices and these tell; else both began when simulated time did.
+double shiftBetween(const RecordedRun& first, const RecordedRun& second) {
+  const double begin_s = first.timeOf(second.stampAt(second.states().front().time_s));
+  const double end_s = first.timeOf(second.stampAt(second.states().back().time_s));
+  const bool overlap = begin_s < first.states().back().time_s && end_s > first.states().front().time_s;
+  const double shift_s = begin_s - second.states().front().time_s;
+  return overlap && std::abs(shift_s) > kSameTime_s ? shift_s : 0.0;
+}
+
+/// The scene's values by their paths: "lattice.spacing.0".
+void flatten(const YAML::Node& node, const std::string& path, std::map<std::string, std::string>& values) {
+  const std::string dot = path.empty() ? "" : ".";
+  if (node.IsMap()) {
+    for (const auto& child : node)
+      flatten(child.second, path + dot + child.first.as<std::string>(), values);
+  } else if (node.IsSequence()) {
+    for (std::size_t n = 0; n < node.size(); ++n)
+      flatten(node[n], path + dot + std::to_string(n), values);
+  } else {
+    values[path] = node.IsScalar() ? node.Scalar() : "none";
+  }
+}
+
+std::vector<std::string> sceneChanges(const std::string& first, const std::string& second) {
+  std::map<std::string, std::string> a;
+  std::map<std::string, std::string> b;
+  flatten(YAML::Load(first), "", a);
+  flatten(YAML::Load(second), "", b);
+  std::set<std::string> paths;
+  for (const auto* values : {&a, &b}) {
+    for (const auto& value : *values)
+      paths.insert(value.first);
+  }
+  std::vector<std::string> changes;
+  const auto told = [](const auto& values, const std::string& path) {
+    const auto value = values.find(path);
+    return value == values.end() ? std::string("(none)") : value->second;
+  };
+  for (const std::string& path : paths) {
+    if (told(a, path) != told(b, path))
+      changes.push_back(path + ": " + told(a, path) + " -> " + told(b, path));
+  }
+  return changes;
+}
+
+/// Compares one session of two bags.
+class RunComparison {
+ public:
+  RunComparison(const RecordedRun& first, const RecordedRun& second, std::size_t run, Comparison& comparison,
+                std::function<void(double)> advance)
+      : first_(first),
+        second_(second),
+        run_(run),
+        comparison_(comparison),
+        advance_(std::move(advance)),
+        shift_s_(shiftBetween(first, second)) {}
+
+  void compare() {
+    if (shift_s_ != 0.0)
+      note("simulated time began " + std::to_string(shift_s_) +
+           " s later in the second run; times are those of stamps");
+    compareScenes();
+    compareGrids();
+    compareVectors("force", "force of the tool on the tissue", toolForces(first_, 0.0), toolForces(second_, shift_s_));
+    compareVectors("device_force", "force sent to the device", deviceForces(first_, 0.0),
+                   deviceForces(second_, shift_s_));
+    compareFrames();
+    compareStats();
+  }
+
+ private:
+  /// A time of the first run in the second one: a mean of two states, or one state.
+  struct Moment {
+    std::size_t before = 0;
+    std::size_t after = 0;
+    double weight = 0.0;  ///< of `after`
+  };
+
+  void note(const std::string& text) {
+    if (std::find(comparison_.notes.begin(), comparison_.notes.end(), text) == comparison_.notes.end())
+      comparison_.notes.push_back(text);
+  }
+  void keep(ComparedQuantity quantity) {
+    if (!quantity.samples.empty())
+      comparison_.quantities.push_back(std::move(quantity));
+  }
+
+  void compareScenes() {
+    const Scene a = first_.sceneMessage();
+    const Scene b = second_.sceneMessage();
+    if (a.volume_hash != b.volume_hash)
+      throw ReplayError("the bags show other volumes: there is nothing to compare");
+    comparison_.scene_changes = sceneChanges(a.yaml, b.yaml);
+    if (a.package_version != b.package_version)
+      note("the first was recorded by soft_volume " + a.package_version + ", the second by " + b.package_version);
+    if (a.kernel != b.kernel || a.precision != b.precision)
+      note("the first was computed with kernel " + a.kernel + " (" + a.precision + "), the second with " + b.kernel +
+           " (" + b.precision + ")");
+  }
+
+  std::shared_ptr<const core::Topology> uncut(const RecordedRun& run) const {
+    const std::vector<std::uint32_t> revisions = run.revisions();
+    return revisions.empty() ? nullptr : run.topology(revisions.front());
+  }
+
+  /// False where the second run has no state near a time of the first.
+  bool findMoment(double first_time_s, Moment& moment) const {
+    const double time_s = first_time_s - shift_s_;
+    const auto& states = second_.states();
+    const auto after = std::lower_bound(states.begin(), states.end(), time_s - kSameTime_s,
+                                        [](const RecordedState& s, double time) { return s.time_s < time; });
+    if (after == states.end())
+      return false;
+    moment.after = moment.before = static_cast<std::size_t>(after - states.begin());
+    if (std::abs(after->time_s - time_s) <= kSameTime_s)
+      return true;
+    if (after == states.begin() || std::prev(after)->revision != after->revision)
+      return false;
+    --moment.before;
+    moment.weight = (time_s - states[moment.before].time_s) / (after->time_s - states[moment.before].time_s);
+    return true;
+  }
+
+  std::vector<core::Vector3f> positionsAt(const Moment& moment) const {
+    std::vector<core::Vector3f> positions = second_.positions(moment.after);
+    if (moment.before == moment.after)
+      return positions;
+    const std::vector<core::Vector3f> before = second_.positions(moment.before);
+    const auto weight = static_cast<float>(moment.weight);
+    for (std::size_t v = 0; v < positions.size(); ++v)
+      positions[v] = before[v] + weight * (positions[v] - before[v]);
+    return positions;
+  }
+
+  void compareGrids() {
+    const auto first_uncut = uncut(first_);
+    const auto second_uncut = uncut(second_);
+    if (!first_uncut || !second_uncut) {
+      note("no positions are compared: a bag holds no grid/topology");
+      return;
+    }
+    const double h_m = std::max(core::Vector3(cellEdges(*first_uncut)).minCoeff(), cellEdges(*second_uncut).minCoeff());
+    comparison_.spacing_m = std::max(comparison_.spacing_m, h_m);
+    ComparedQuantity positions = quantity("positions", "", "places of material points", "m", run_);
+    ComparedQuantity areas = quantity("cut_area", "", "area of the cuts, at rest", "m^2", run_);
+    ComparedQuantity parts = quantity("parts", "", "parts of the tissue", "", run_);
+    ComparedQuantity revisions = quantity("revision", "", "revisions of the topology", "", run_);
+    std::unique_ptr<GridPair> pair;
+    std::uint64_t without_time = 0;
+    for (std::size_t n = 0; n < first_.states().size(); ++n, advance_(1.0)) {
+      const RecordedState& state = first_.states()[n];
+      Moment moment;
+      const bool known = first_.hasPositions(n) && findMoment(state.time_s, moment) &&
+                         second_.hasPositions(moment.before) && second_.hasPositions(moment.after);
+      const RecordedState* other = known ? &second_.states()[moment.after] : nullptr;
+      const auto a = known ? first_.topology(state.revision) : nullptr;
+      const auto b = known ? second_.topology(other->revision) : nullptr;
+      if (!a || !b) {
+        ++without_time;
+        continue;
+      }
+      if (!pair || !pair->isOf(a, b)) {
+        pair = std::make_unique<GridPair>(a, b, first_uncut, second_uncut);
+        areas_ = {cutArea(*a), cutArea(*b)};
+        parts_ = {static_cast<double>(partCount(*a)), static_cast<double>(partCount(*b))};
+      }
+      const auto first_positions = first_.positions(n);
+      const auto second_positions = positionsAt(moment);
+      if (first_positions.size() != a->vertexCount() || second_positions.size() != b->vertexCount())
+        throw ReplayError("the bag is damaged: a state has another number of vertices than its topology");
+      pair->compare(state.time_s, first_positions, second_positions, kMoved * h_m, positions);
+      interpolated_ += moment.before != moment.after ? 1 : 0;
+      areas.addValues(state.time_s, areas_.first, areas_.second, std::abs(areas_.first - areas_.second));
+      parts.addValues(state.time_s, parts_.first, parts_.second, std::abs(parts_.first - parts_.second));
+      const double revision = state.revision;
+      revisions.addValues(state.time_s, revision, other->revision, std::abs(revision - other->revision));
+    }
+    tellGrids(pair.get(), positions, without_time);
+    for (ComparedQuantity* made : {&positions, &areas, &parts, &revisions})
+      keep(std::move(*made));
+  }
+
+  void tellGrids(const GridPair* pair, ComparedQuantity& positions, std::uint64_t without_time) {
+    if (pair == nullptr)
+      throw ReplayError("the bags have no simulated time in common: there is nothing to compare");
+    if (positions.left_out > 0) {
+      positions.left_out_reason = pair->sameLattice()
+                                      ? "in cells that only one of the runs has cut, or cut otherwise, or new by a cut"
+                                      : "in cells that are cut, or outside of the other grid";
+    }
+    if (!pair->sameLattice())
+      note("the lattices differ: vertices of the coarser one are looked up in the cells of the finer one");
+    if (interpolated_ > 0)
+      note(std::to_string(interpolated_) + " of " + std::to_string(first_.states().size()) +
+           " states of the second run lie between two recorded ones (linear)");
+    if (without_time > 0)
+      note(std::to_string(without_time) + " of " + std::to_string(first_.states().size()) +
+           " states of the first run have no counterpart in the second");
+    positions.identical = positions.identical && interpolated_ == 0 && positions.left_out == 0;
+  }
+
+  /// Names of both, in pairs; a single one on each side belongs together whatever it is called.
+  static std::vector<std::pair<std::string, std::string>> pairNames(const Vectors& first, const Vectors& second) {
+    if (first.size() == 1 && second.size() == 1)
+      return {{first.begin()->first, second.begin()->first}};
+    std::vector<std::pair<std::string, std::string>> names;
+    for (const auto& entry : first) {
+      if (second.count(entry.first) != 0)
+        names.emplace_back(entry.first, entry.first);
+    }
+    return names;
+  }
+
+  void compareVectors(const char* key, const char* title, const Vectors& first, const Vectors& second) {
+    const auto names = pairNames(first, second);
+    if (names.size() < std::max(first.size(), second.size())) {
+      note(std::string(key) + ": " + std::to_string(first.size()) + " in the first bag, " +
+           std::to_string(second.size()) + " in the second, " + std::to_string(names.size()) + " compared");
+    }
+    for (const auto& name : names) {
+      ComparedQuantity made = quantity(key, name.first, title, "N", run_);
+      const HeldVector& a = first.at(name.first);
+      const HeldVector& b = second.at(name.second);
+      std::set<double> times;
+      for (const HeldVector* values : {&a, &b}) {
+        for (const auto& value : values->values())
+          times.insert(value.first);
+      }
+      const double end_s = std::min(first_.states().back().time_s, second_.states().back().time_s + shift_s_);
+      double last_s = -INFINITY;
+      for (const double time_s : times) {
+        if (time_s < 0.0 || time_s > end_s || time_s <= last_s + kSameTime_s)
+          continue;
+        last_s = time_s;
+        const core::Vector3 in_first = a.at(time_s);
+        const core::Vector3 in_second = b.at(time_s);
+        made.addValues(time_s, in_first.norm(), in_second.norm(), (in_first - in_second).norm());
+      }
+      keep(std::move(made));
+    }
+  }
+
+  /// The frame of the second run that shows what a frame of the first shows, or none.
+  std::size_t counterpart(const RecordedFrame& frame, std::vector<bool>& used) const {
+    std::size_t best = second_.frames().size();
+    double best_apart_s = kSameFrame_s;
+    for (std::size_t n = 0; n < second_.frames().size(); ++n) {
+      const RecordedFrame& other = second_.frames()[n];
+      const double apart_s = std::abs(other.time_s + shift_s_ - frame.time_s);
+      if (!used[n] && second_.hasImage(n) && other.stats.camera == frame.stats.camera &&
+          other.stats.coarseness == frame.stats.coarseness && apart_s < best_apart_s) {
+        best = n;
+        best_apart_s = apart_s;
+      }
+    }
+    if (best < used.size())
+      used[best] = true;
+    return best;
+  }
+
+  void compareFrames() {
+    std::map<std::string, std::pair<ComparedQuantity, ComparedQuantity>> cameras;
+    std::vector<bool> used(second_.frames().size(), false);
+    std::uint64_t images = 0;
+    for (std::size_t n = 0; n < first_.frames().size(); ++n, advance_(kFrameWork)) {
+      if (!first_.hasImage(n))
+        continue;
+      ++images;
+      const RecordedFrame& frame = first_.frames()[n];
+      const std::string& camera = frame.stats.camera;
+      auto& made = cameras
+                       .try_emplace(camera, quantity("image_rmse", camera, "frames, RMSE", "levels", run_),
+                                    quantity("ssim", camera, "frames, structural similarity", "", run_))
+                       .first->second;
+      const std::size_t other = counterpart(frame, used);
+      if (other == second_.frames().size()) {
+        leaveOut(made, "without a frame of the same camera and time in the second bag");
+      } else {
+        compareImages(first_.image(n), second_.image(other), frame.time_s, made);
+      }
+    }
+    const auto recorded = std::count(used.begin(), used.end(), true);
+    if (images > 0 && recorded == 0)
+      note("no frames are compared: the second bag holds none of the same times");
+    for (auto& camera : cameras) {
+      keep(std::move(camera.second.first));
+      keep(std::move(camera.second.second));
+    }
+  }
+
+  static void leaveOut(std::pair<ComparedQuantity, ComparedQuantity>& made, const char* reason) {
+    for (ComparedQuantity* one : {&made.first, &made.second}) {
+      ++one->left_out;
+      one->left_out_reason = reason;
+      one->identical = false;
+    }
+  }
+
+  static void compareImages(const core::Image& a, const core::Image& b, double time_s,
+                            std::pair<ComparedQuantity, ComparedQuantity>& made) {
+    if (a.width != b.width || a.height != b.height) {
+      leaveOut(made, "of another size");
+      return;
+    }
+    const core::ImageDifference apart = core::compareImages(a, b);
+    const auto pixels = static_cast<std::uint64_t>(a.rgb.size());
+    made.first.add({time_s, 0.0, 0.0, apart.rmse, apart.rmse}, 1,
+                   {apart.rmse * apart.rmse * static_cast<double>(pixels), pixels});
+    made.second.addIndex(time_s, apart.ssim);
+  }
+
+  using Member = double (*)(const SimulationStats&);
+
+  void compareStats() {
+    if (first_.stats().empty() || second_.stats().empty()) {
+      note("energies and step times are not compared: a bag holds no simulation/stats of this version");
+      return;
+    }
+    compareStat(quantity("energy", "elastic", "elastic energy", "J", run_),
+                [](const SimulationStats& s) { return s.elastic_energy; });
+    compareStat(quantity("energy", "kinetic", "kinetic energy", "J", run_),
+                [](const SimulationStats& s) { return s.kinetic_energy; });
+    compareStat(quantity("active_cells", "", "cells in the solve", "", run_),
+                [](const SimulationStats& s) { return static_cast<double>(s.active_cells); });
+    ComparedQuantity step_time = quantity("step_time", "", "wall time of a step, median", "ms", run_);
+    step_time.reproducible = false;
+    compareStat(std::move(step_time), [](const SimulationStats& s) { return s.step_ms_median; });
+  }
+
+  /// Statistics come by wall time, at any step: between those of the second run they are interpolated, and only what
+  /// both tell of one step decides whether they are identical.
+  void compareStat(ComparedQuantity made, Member member) {
+    bool identical = true;
+    const auto& others = second_.stats();
+    for (const SimulationStats& stats : first_.stats()) {
+      const double time_s = stats.simulation_time - shift_s_;
+      const auto after = std::lower_bound(others.begin(), others.end(), time_s - kSameTime_s,
+                                          [](const auto& s, double time) { return s.simulation_time < time; });
+      if (after == others.end() || (after == others.begin() && after->simulation_time > time_s + kSameTime_s))
+        continue;
+      double value = member(*after);
+      if (std::abs(after->simulation_time - time_s) > kSameTime_s) {
+        const auto before = std::prev(after);
+        const double weight = (time_s - before->simulation_time) / (after->simulation_time - before->simulation_time);
+        value = member(*before) + weight * (value - member(*before));
+      } else {
+        identical = identical && member(stats) == value;
+      }
+      made.addValues(stats.simulation_time, member(stats), value, std::abs(member(stats) - value));
+    }
+    made.identical = identical;
+    keep(std::move(made));
+  }
+
+  const RecordedRun& first_;
+  const RecordedRun& second_;
+  std::size_t run_;
+  Comparison& comparison_;
+  std::function<void(double)> advance_;
+  double shift_s_;
+  std::pair<double, double> areas_;
+  std::pair<double, double> parts_;
+  std::uint64_t interpolated_ = 0;
+};
+
+std::vector<const RecordedRun*> runsWithStates(const RecordedBag& bag) {
+  std::vector<const RecordedRun*> runs;
+  for (std::size_t n = 0; n < bag.size(); ++n) {
+    if (!bag.run(n).states().empty())
+      runs.push_back(&bag.run(n));
+  }
+  return runs;
+}
+
+}  // namespace
+
+bool Comparison::identical() const {
+  const bool complete = std::any_of(quantities.begin(), quantities.end(), [](const auto& q) { return q.compared > 0; });
+  return complete && std::all_of(quantities.begin(), quantities.end(), [](const ComparedQuantity& quantity) {
+           return quantity.identical || !quantity.reproducible;
+         });
+}
+
+Comparison compareBags(const RecordedBag& first, const RecordedBag& second, const ReplayProgress& progress) {
+  Comparison comparison;
+  comparison.first = first.path();
+  comparison.second = second.path();
+  const auto first_runs = runsWithStates(first);
+  const auto second_runs = runsWithStates(second);
+  const std::size_t count = std::min(first_runs.size(), second_runs.size());
+  if (count == 0)
+    throw ReplayError("a bag holds no states: there is nothing to compare");
+  if (first_runs.size() != second_runs.size()) {
+    comparison.notes.push_back("the first bag holds " + std::to_string(first_runs.size()) + " sessions, the second " +
+                               std::to_string(second_runs.size()) + ": only the first " + std::to_string(count) +
+                               " are compared");
+  }
+  double total = 0.0;
+  for (std::size_t n = 0; n < count; ++n)
+    total += static_cast<double>(first_runs[n]->states().size()) +
+             kFrameWork * static_cast<double>(first_runs[n]->frames().size());
+  double done = 0.0;
+  for (std::size_t n = 0; n < count; ++n) {
+    RunComparison(*first_runs[n], *second_runs[n], n, comparison, [&](double work) {
+      progress(done += work, total);
+    }).compare();
+  }
+  for (const RecordedBag* bag : {&first, &second}) {
+    for (const std::string& note : bag->notes())
+      comparison.notes.push_back(bag->path() + ": " + note);
+  }
+  return comparison;
+}
+
+std::string toJson(const Comparison& comparison) {
+  nlohmann::json quantities = nlohmann::json::array();
+  for (const ComparedQuantity& quantity : comparison.quantities) {
+    quantities.push_back({{"key", quantity.key},
+                          {"subject", quantity.subject},
+                          {"title", quantity.title},
+                          {"unit", quantity.unit},
+                          {"run", quantity.run},
+                          {"rms", quantity.rms},
+                          {"largest", quantity.largest},
+                          {"largest_at_s", quantity.largest_at_s},
+                          {"scale", quantity.scale},
+                          {"samples", quantity.samples.size()},
+                          {"compared", quantity.compared},
+                          {"left_out", quantity.left_out},
+                          {"left_out_reason", quantity.left_out_reason},
+                          {"identical", quantity.identical},
+                          {"reproducible", quantity.reproducible}});
+  }
+  const nlohmann::json json = {
+      {"first", comparison.first},         {"second", comparison.second}, {"identical", comparison.identical()},
+      {"spacing_m", comparison.spacing_m}, {"quantities", quantities},    {"scene_changes", comparison.scene_changes},
+      {"notes", comparison.notes}};
+  return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace soft_volume
