@@ -14,6 +14,7 @@ Owns the lattice of a scene: applies what tools send, steps, and publishes defor
   _start_paused:=true       wait for the service simulation/pause (false)
   _stop_after_s:=S          shut down after so many simulated seconds (0: never)
   _frame_id:=NAME           name of the volume frame (volume)
+  _resume_file:=FILE        keep the run there, and go on with what a killed simulation kept (none)
 )";
 
 }  // namespace

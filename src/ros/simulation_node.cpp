@@ -22,6 +22,7 @@
 #include "soft_volume/messages/topics.h"
 #include "soft_volume/ros/checked_subscription.h"
 #include "soft_volume/ros/parameters.h"
+#include "soft_volume/ros/run_node.h"
 
 namespace soft_volume {
 namespace {
@@ -29,6 +30,8 @@ namespace {
 /// A tool that said nothing for this long gets no patches.
 constexpr double kToolSilence_s = 0.5;
 constexpr double kJournalInterval_s = 0.02;
+/// A resumed run repeats what came after the checkpoint, so this is how long that takes at most.
+constexpr double kKeepInterval_s = 2.0;
 /// With simulated time the simulation runs at most this far ahead of the tools, well below the age at which a tool
 /// takes a pose for stale; a tool that stays behind for longer than the timeout is not waited for any more.
 constexpr double kToolLead_s = 0.01;
@@ -65,8 +68,11 @@ SimulationNode::SimulationNode(const ros::NodeHandle& node, const ros::NodeHandl
   scene_ = core::loadScene(scene_file);
   volumes_ = core::readVolumes(scene_);
   epoch_ = publish_clock_ ? ros::Time(1.0) : ros::Time::now();
+  const auto resume_file = parameter<std::string>(private_node_, "resume_file", "");
+  if (!resume_file.empty())
+    resume_file_ = std::make_unique<ResumeFile>(resume_file);
   advertise();
-  startSession(nullptr);
+  startOrResume();
   subscribe();
   diagnostics_.setHardwareID("none");
   diagnostics_.add("simulation", this, &SimulationNode::diagnose);
@@ -79,6 +85,45 @@ SimulationNode::~SimulationNode() {
   running_ = false;
   wake_.notify_all();
   thread_.join();
+  // A nodelet is also destroyed when its loader was killed: then another one goes on.
+  if (resume_file_ && (stopRequested() != 0 || !ros::ok()))
+    resume_file_->remove();
+}
+
+/// What a killed simulation kept, brought to its last journaled state. What cannot be used is set aside and told.
+std::optional<ResumedRun> SimulationNode::keptRun() {
+  if (!resume_file_)
+    return std::nullopt;
+  try {
+    const std::optional<KeptRun> kept = resume_file_->read();
+    if (!kept)
+      return std::nullopt;
+    if (!kept->damage.empty())
+      incidents_.report(topics::kResume, "the end of the kept run is lost: " + kept->damage);
+    return resume(*kept, scene_, volumes_, threads_);
+  } catch (const core::Error& error) {
+    incidents_.report(topics::kResume, std::string(error.what()) +
+                                           ": the kept run cannot go on and starts from rest (" +
+                                           resume_file_->setAside() + " is what was kept)");
+  }
+  return std::nullopt;
+}
+
+void SimulationNode::startOrResume() {
+  const std::optional<ResumedRun> run = keptRun();
+  if (!run) {
+    startSession(nullptr);
+    return;
+  }
+  paused_ = run->paused;
+  // The clock that others saw last is at most a journal's interval later than the journal.
+  const double earlier_s = run->simulation_time_s - (publish_clock_ ? kJournalInterval_s + run->checkpoint.dt : 0.0);
+  const ros::Time now = publish_clock_ ? run->checkpoint.header.stamp : ros::Time::now();
+  epoch_ = ros::Time(std::max(0.0, (now - ros::Time(0.0)).toSec() - earlier_s));
+  resumed_ = "session " + std::to_string(run->checkpoint.session) + ", step " + std::to_string(run->checkpoint.step);
+  startSession(&run->checkpoint, "goes on from " + resumed_ + ", where a simulation ended without being stopped; " +
+                                     std::to_string(run->steps_repeated) + " steps were repeated");
+  ROS_WARN("the simulation goes on from %s, where another one ended without being stopped", resumed_.c_str());
 }
 
 SimulationNode::Every SimulationNode::every(double interval_s) const {
@@ -92,6 +137,7 @@ void SimulationNode::setRates() {
   checkpoint_every_ = every(scene_.output.checkpoint_interval_s);
   journal_every_ = every(kJournalInterval_s);
   clock_every_ = every(0.001);
+  keep_every_ = every(kKeepInterval_s);
 }
 
 void SimulationNode::advertise() {
@@ -125,11 +171,7 @@ void SimulationNode::advertise() {
   services_.push_back(node_.advertiseService<std_srvs::SetBool::Request, std_srvs::SetBool::Response>(
       topics::kPause, [this](std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) -> Ok {
         const bool pause = request.data != 0;
-        response.success = inLoop([this, pause] {
-          paused_ = pause;
-          due_ = Clock::now();
-          journal_->note(topics::kPause, "std_srvs/SetBool", {static_cast<std::uint8_t>(pause)});
-        });
+        response.success = inLoop([this, pause] { setPaused(pause); });
         response.message = pause ? "paused" : "running";
         return true;
       }));
@@ -370,7 +412,9 @@ void SimulationNode::advance() {
     publishClock();
   if (patch_every_.due(step))
     publishPatches();
-  if (journal_every_.due(step))
+  // The journal after a checkpoint begins with it.
+  const bool keep = resume_file_ && keep_every_.due(step);
+  if (journal_every_.due(step) || checkpoint_every_.due(step) || keep)
     publishJournal();
   const bool key_frame = key_frame_every_.due(step);
   if (key_frame)
@@ -379,6 +423,16 @@ void SimulationNode::advance() {
     publishState(key_frame);
   if (checkpoint_every_.due(step))
     publishCheckpoint();
+  else if (keep)
+    keepCheckpoint(makeCheckpoint());
+}
+
+void SimulationNode::setPaused(bool paused) {
+  paused_ = paused;
+  due_ = Clock::now();
+  journal_->note(topics::kPause, "std_srvs/SetBool", {static_cast<std::uint8_t>(paused)});
+  if (resume_file_)
+    resume_file_->setPaused(paused);
 }
 
 void SimulationNode::setIntegrator(const SetIntegrator::Request& request, SetIntegrator::Response& response) {
@@ -412,7 +466,7 @@ void SimulationNode::removePart(const RemovePart::Request& request, RemovePart::
   publishStats();
 }
 
-void SimulationNode::startSession(const SimulationCheckpoint* checkpoint) {
+void SimulationNode::startSession(const SimulationCheckpoint* checkpoint, const std::string& resumed) {
   auto session = std::make_unique<core::Session>(scene_, volumes_.volume, volumes_.labels, newSessionId(), threads_);
   auto journal = std::make_unique<Journal>(*session);
   if (checkpoint != nullptr) {
@@ -420,6 +474,8 @@ void SimulationNode::startSession(const SimulationCheckpoint* checkpoint) {
     if (entry.outcome != JournalEntry::APPLIED)
       throw core::InputError(entry.reason);
   }
+  if (!resumed.empty())
+    journal->note(topics::kResume, "std_msgs/Empty", {}, resumed);
   if (session_) {
     publishJournal();                                           // what the old session still has to say
     epoch_ = stampNow() + ros::Duration(session_->timeStep());  // no two states with one stamp
@@ -492,6 +548,8 @@ void SimulationNode::publishJournal() {
   message.entries = journal_->take();
   message.state_hash = session_->simulation().stateHash();
   stamp(message);
+  if (resume_file_)
+    resume_file_->append(message);  // first: what others have seen is never lost
   journal_publisher_.publish(message);
   journaled_step_ = message.last_step;
 }
@@ -513,10 +571,25 @@ void SimulationNode::publishPatches() {
   }
 }
 
-void SimulationNode::publishCheckpoint() {
+boost::shared_ptr<const SimulationCheckpoint> SimulationNode::makeCheckpoint() const {
   auto message = boost::make_shared<SimulationCheckpoint>(toMessage(*session_, session_->checkpoint()));
   stamp(*message);
+  return message;
+}
+
+void SimulationNode::publishCheckpoint() {
+  const auto message = makeCheckpoint();
   checkpoint_publisher_.publish(message);
+  keepCheckpoint(message);
+}
+
+void SimulationNode::keepCheckpoint(boost::shared_ptr<const SimulationCheckpoint> checkpoint) {
+  if (!resume_file_)
+    return;
+  resume_file_->begin(std::move(checkpoint), paused_);
+  const std::string error = resume_file_->takeError();
+  if (!error.empty())
+    incidents_.report(topics::kResume, error);
 }
 
 void SimulationNode::publishClock() {
@@ -576,6 +649,8 @@ void SimulationNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& statu
   const std::lock_guard<std::mutex> lock(stats_mutex_);
   status.summary(diagnostic_msgs::DiagnosticStatus::OK, stats_.paused ? "paused" : "running");
   status.add("step", stats_.step);
+  if (!resumed_.empty())
+    status.add("resumed from", resumed_);
   status.add("real-time factor", stats_.real_time_factor);
   status.add("step time, median [ms]", stats_.step_ms_median);
   status.add("integrator", stats_.integrator);

@@ -34,6 +34,8 @@ constexpr char kSaveCheckpoint[] = "simulation/save_checkpoint";
 constexpr char kRemovePart[] = "simulation/remove_part";
 constexpr char kRestoreCheckpoint[] = "simulation/restore_checkpoint";
 constexpr char kRequestKeyFrame[] = "simulation/request_key_frame";
+// What the journal calls the start of a session that goes on where a killed simulation ended.
+constexpr char kResume[] = "simulation/resume";
 // Services of a tool and of the recorder.
 constexpr char kToolReset[] = "tool/reset";
 

@@ -21,6 +21,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <variant>
@@ -29,6 +30,7 @@
 #include "soft_volume/grid/state_stream.h"
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/journal.h"
+#include "soft_volume/messages/resume_file.h"
 #include "soft_volume/ros/incident_log.h"
 #include "soft_volume/scene/scene.h"
 #include "soft_volume/session/session.h"
@@ -39,7 +41,8 @@ namespace soft_volume {
 ///
 /// Private parameters: ~scene (file), ~threads (1), ~real_time_factor (1; simulated seconds per second at most, 0: as
 /// fast as possible), ~publish_clock (false; be the source of /clock, for use_sim_time), ~start_paused (false),
-/// ~stop_after_s (0; shut down after so many simulated seconds), ~frame_id ("volume").
+/// ~stop_after_s (0; shut down after so many simulated seconds), ~frame_id ("volume"), ~resume_file (none; keep the run
+/// there, and go on with what a killed simulation kept: see ResumeFile).
 ///
 /// With ~publish_clock the simulation waits for tools that fall behind simulated time by more than 10 ms (for at most
 /// 0.2 s), so that a slow machine slows everything down alike.
@@ -75,6 +78,8 @@ class SimulationNode {
   void subscribe();
   void setRates();
   Every every(double interval_s) const;
+  std::optional<ResumedRun> keptRun();
+  void startOrResume();
 
   // In callbacks.
   void queueInput(Input input);
@@ -91,7 +96,8 @@ class SimulationNode {
   void advance();
   void removePart(const RemovePart::Request& request, RemovePart::Response& response);
   void setIntegrator(const SetIntegrator::Request& request, SetIntegrator::Response& response);
-  void startSession(const SimulationCheckpoint* checkpoint);
+  void startSession(const SimulationCheckpoint* checkpoint, const std::string& resumed = "");
+  void setPaused(bool paused);
   void publishSession();
   void publishTopology(bool full);
   void sendFullTopology();
@@ -99,6 +105,8 @@ class SimulationNode {
   void publishJournal();
   void publishPatches();
   void publishCheckpoint();
+  boost::shared_ptr<const SimulationCheckpoint> makeCheckpoint() const;
+  void keepCheckpoint(boost::shared_ptr<const SimulationCheckpoint> checkpoint);
   void publishClock();
   void publishStats();
   void trackExtremes();
@@ -120,12 +128,14 @@ class SimulationNode {
   core::SceneVolumes volumes_;
   std::unique_ptr<core::Session> session_;
   std::unique_ptr<Journal> journal_;
+  std::unique_ptr<ResumeFile> resume_file_;  ///< null when the run is not kept
+  std::string resumed_;                      ///< where this process went on; empty when it began from rest
   core::StateEncoder encoder_;
   TopologyEncoder topologies_;
   std::uint32_t published_revision_ = 0;
   std::uint64_t journaled_step_ = 0;
   ros::Time epoch_;
-  Every state_every_, patch_every_, key_frame_every_, checkpoint_every_, journal_every_, clock_every_;
+  Every state_every_, patch_every_, key_frame_every_, checkpoint_every_, journal_every_, clock_every_, keep_every_;
 
   ros::Publisher scene_publisher_, volume_publisher_, topology_publisher_, state_publisher_, patch_publisher_;
   ros::Publisher journal_publisher_, checkpoint_publisher_, stats_publisher_, clock_publisher_;
