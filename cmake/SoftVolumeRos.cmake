@@ -7,7 +7,7 @@ add_message_files(DIRECTORY msg FILES
   GridPatch.msg GridState.msg GridTopology.msg HeldForce.msg HeldGrip.msg IncisionState.msg JournalEntry.msg
   PartRemoval.msg RecorderEvent.msg RecorderStatus.msg RecordingInfo.msg RenderStats.msg Scene.msg
   SimulationCheckpoint.msg SimulationControl.msg SimulationJournal.msg SimulationStats.msg StrokeState.msg ToolCut.msg
-  ToolForce.msg ToolGrip.msg ToolState.msg Volume.msg)
+  ToolForce.msg ToolGrip.msg ToolProgress.msg ToolState.msg Volume.msg)
 add_service_files(DIRECTORY srv FILES
   RemovePart.srv RestoreCheckpoint.srv SaveCheckpoint.srv SetIntegrator.srv StepSimulation.srv)
 generate_messages(DEPENDENCIES geometry_msgs std_msgs)

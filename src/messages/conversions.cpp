@@ -20,6 +20,7 @@ namespace soft_volume {
 namespace {
 
 constexpr std::size_t kMostPartsTold = 100;
+constexpr std::size_t kPublishedButtons = 8;
 
 geometry_msgs::Point32 toPoint32(const core::Vector3f& p) {
   geometry_msgs::Point32 point;
@@ -562,6 +563,50 @@ ToolState toMessage(const core::ToolOutput& output) {
   state.trip_reason = output.tripped ? core::describe(output.fault) : "";
   state.fault = core::describe(output.fault);
   return state;
+}
+
+ToolState toMessage(const core::HandTick& tick, const core::ToolConfig& config) {
+  ToolState state = toMessage(tick.output);
+  state.tool_id = config.id;
+  state.kind = static_cast<std::uint8_t>(config.kind);
+  state.pose = toPose(tick.tip);
+  if (state.in_contact == 0)
+    state.proxy = state.pose;
+  state.proxy.orientation = state.pose.orientation;
+  for (std::size_t b = 0; b < kPublishedButtons; ++b)
+    state.buttons.push_back(static_cast<std::uint8_t>(tick.buttons[b]));
+  state.patch_radius = config.patch_radius_m;
+  return state;
+}
+
+ToolProgress toMessage(const core::ToolNotice& notice) {
+  ToolProgress message;
+  message.session = notice.session;
+  message.hand = notice.hand;
+  message.tool_id = notice.tool_id;
+  message.point = toPoint(notice.point_m);
+  message.patch_radius = notice.patch_radius_m;
+  for (const auto& sent : notice.sent) {
+    message.tools.push_back(sent.first);
+    message.forces.push_back(sent.second.force);
+    message.cuts.push_back(sent.second.cut);
+  }
+  return message;
+}
+
+core::ToolNotice fromMessage(const ToolProgress& message) {
+  if (message.forces.size() != message.tools.size() || message.cuts.size() != message.tools.size())
+    throw core::InputError("tool progress: not as many numbers as tools");
+  core::ToolNotice notice;
+  notice.hand = message.hand;
+  notice.session = message.session;
+  notice.until_ns = static_cast<std::int64_t>(message.header.stamp.toNSec());
+  notice.tool_id = message.tool_id;
+  notice.point_m = fromPoint(message.point);
+  notice.patch_radius_m = message.patch_radius;
+  for (std::size_t n = 0; n < message.tools.size(); ++n)
+    notice.sent[message.tools[n]] = {message.forces[n], message.cuts[n]};
+  return notice;
 }
 
 ToolGrip toMessage(const core::ToolGripCommand& command) {

@@ -15,6 +15,7 @@
 #include <soft_volume/ToolCut.h>
 #include <soft_volume/ToolForce.h>
 #include <soft_volume/ToolGrip.h>
+#include <soft_volume/ToolProgress.h>
 #include <soft_volume/ToolState.h>
 #include <soft_volume/Volume.h>
 
@@ -26,6 +27,7 @@
 #include "soft_volume/grid/topology.h"
 #include "soft_volume/grid/topology_delta.h"
 #include "soft_volume/scene/scene.h"
+#include "soft_volume/session/lockstep.h"
 #include "soft_volume/session/session.h"
 #include "soft_volume/tool/tool.h"
 #include "soft_volume/tool/tool_command.h"
@@ -104,6 +106,12 @@ core::ToolCutCommand fromMessage(const ToolCut& message);
 /// What a tick says of itself. Which tool, its pose, buttons and number, and the proxy's orientation are for the
 /// caller.
 ToolState toMessage(const core::ToolOutput& output);
+/// All but the number.
+ToolState toMessage(const core::HandTick& tick, const core::ToolConfig& config);
+
+/// The stamp is the header's.
+ToolProgress toMessage(const core::ToolNotice& notice);
+core::ToolNotice fromMessage(const ToolProgress& message);
 
 ToolGrip toMessage(const core::ToolGripCommand& command);
 core::ToolGripCommand fromMessage(const ToolGrip& message);

@@ -104,6 +104,8 @@ class Session {
   std::uint64_t id() const { return id_; }
   std::uint64_t steps() const { return simulation_.state().step; }
   double simulationTime() const { return clock_.at(steps()); }
+  /// At a step from the last change of the time step on, if that does not change again.
+  double simulationTimeAt(std::uint64_t step) const { return clock_.at(step); }
   double timeStep() const { return clock_.dt_s; }
   /// As it was at the start, with the time step resolved; what changed since is in simulation().settings().
   const Scene& scene() const { return scene_; }

@@ -21,6 +21,8 @@ constexpr char kExamples[] =
     "      frame than 2 levels.\n"
     "  soft_volume_replay new.bag --against old.bag --tolerance limits.yaml\n"
     "      How far are two recordings apart, and is it too far?\n"
+    "  soft_volume_replay demo.bag --resimulate simulation.preset=fast,lattice.spacing_m=0.01 --output fast.bag\n"
+    "      The same hand and other settings: how far does the result move, and what does a step cost?\n"
     "  soft_volume_replay demo.bag --frames frames\n"
     "      Only render the recorded frames again, as frames/CAMERA_STEP.png.\n"
     "\n";
@@ -45,6 +47,11 @@ void addWork(CLI::App& app, Arguments& a) {
           ->type_name("KEY=VALUE,...")
           ->excludes(against);
   app.add_option("--output", a.output, "bag that --resimulate writes")->type_name("OTHER.bag")->needs(resimulate);
+  app.add_option("--device", a.device,
+                 "file of the device that was recorded, as in config/devices, for --resimulate; without it the scene's "
+                 "own device is meant")
+      ->type_name("FILE")
+      ->needs(resimulate);
   app.add_option("--tolerance", a.tolerance,
                  "how far things may be apart: limits with commas between them, or a YAML file with a limit a line; "
                  "without it everything must be the same, bit for bit")
@@ -128,7 +135,6 @@ void refuseMissing(const Arguments& a) {
     if (given)
       throw ReplayError(std::string(option) + ": this version cannot do that yet");
   };
-  refuse(a.resimulate.has_value(), "--resimulate");
   refuse(!a.render.dir.empty(), "--render");
   refuse(!a.video.empty(), "--video");
   refuse(!a.report.empty(), "--report");

@@ -39,6 +39,7 @@ struct Arguments {
   std::string against;                    ///< another bag
   std::optional<std::string> resimulate;  ///< KEY=VALUE,...; empty: nothing is changed
   std::string output;                     ///< the bag that --resimulate writes
+  std::string device;                     ///< file of the recorded device, for --resimulate
   std::string tolerance;                  ///< KEY=LIMIT,... or a YAML file; empty: bit for bit
 
   RenderArguments render;

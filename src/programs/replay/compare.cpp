@@ -7,10 +7,11 @@
 namespace soft_volume::replay_program {
 
 void compare(const Arguments& arguments, Findings& findings) {
-  if (arguments.against.empty())
+  const std::string& other = arguments.resimulate ? arguments.output : arguments.against;
+  if (other.empty())
     return;
   const RecordedBag first(arguments.bag);
-  const RecordedBag second(arguments.against);
+  const RecordedBag second(other);
   core::ProgressBar bar(arguments.no_progress);
   findings.comparison = compareBags(first, second, [&bar](double done, double total) { bar.update(done, total); });
 }

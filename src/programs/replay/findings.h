@@ -7,13 +7,15 @@
 #include "arguments.h"
 #include "soft_volume/replay/comparison.h"
 #include "soft_volume/replay/replay_bag.h"
+#include "soft_volume/replay/resimulation.h"
 #include "soft_volume/replay/tolerance.h"
 
 namespace soft_volume::replay_program {
 
 /// What the parts of the program did and found, for its output, its report and its exit code.
 struct Findings {
-  std::optional<ReplayReport> check;     ///< as far as it came
+  std::optional<ReplayReport> check;  ///< as far as it came
+  std::optional<Resimulation> resimulation;
   std::optional<Comparison> comparison;  ///< of --against, or of what --resimulate wrote with what was recorded
   std::vector<Judgement> judgements;     ///< of the check and the comparison
   std::vector<std::string> notes;        ///< of the other parts, for the output
@@ -26,6 +28,9 @@ struct Findings {
 
 /// --check and --frames.
 void check(const Arguments& arguments, Findings& findings);
+
+/// --resimulate, without the comparison.
+void resimulateRun(const Arguments& arguments, Findings& findings);
 
 /// --against.
 void compare(const Arguments& arguments, Findings& findings);

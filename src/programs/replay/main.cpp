@@ -22,6 +22,7 @@ using soft_volume::ReplayReport;
 
 void runParts(const Arguments& arguments, Findings& findings) {
   check(arguments, findings);
+  resimulateRun(arguments, findings);
   compare(arguments, findings);
   judgeFindings(arguments, findings);
   exportRun(arguments, findings);
