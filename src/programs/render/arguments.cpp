@@ -3,8 +3,8 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
+#include "option_values.h"
 #include "soft_volume/common/error.h"
 #include "soft_volume/render/option_names.h"
 
@@ -73,42 +73,10 @@ CLI::Option* addChoice(CLI::App& app, const char* name, Target& target, const st
   return app.add_option_function<std::string>(name, set, about)->check(CLI::IsMember(choiceNames<Choice>()));
 }
 
-/// Numbers between commas.
-std::vector<double> parseNumbers(const std::string& text, const char* option) {
-  std::vector<double> numbers;
-  std::istringstream parts(text);
-  for (std::string part; std::getline(parts, part, ',');) {
-    char* end = nullptr;
-    numbers.push_back(std::strtod(part.c_str(), &end));
-    if (part.empty() || *end != '\0' || !std::isfinite(numbers.back()))
-      throw CLI::ValidationError(option, "'" + text + "' must be finite numbers with commas between them");
-  }
-  return numbers;
-}
-
-std::vector<double> parseNumbers(const std::string& text, const char* option, std::size_t count) {
-  const std::vector<double> numbers = parseNumbers(text, option);
-  if (numbers.size() == count)
-    return numbers;
-  throw CLI::ValidationError(option,
-                             "'" + text + "' must be " + std::to_string(count) + " numbers with commas between them");
-}
-
-/// Of any length; the offset counts along the normal's direction.
-ClipPlane parsePlane(const std::vector<double>& numbers, const char* option) {
-  const Vector3 normal(numbers[0], numbers[1], numbers[2]);
-  const double length = normal.norm();
-  if (!(length > 1e-12 && std::isfinite(length)))
-    throw CLI::ValidationError(option, "the plane's normal has no direction");
-  return {normal / length, numbers[3]};
-}
-
 void parseSize(const std::string& text, Arguments& arguments) {
-  char rest = '\0';
-  if (std::sscanf(text.c_str(), "%dx%d%c", &arguments.width, &arguments.height, &rest) != 2)
-    throw CLI::ValidationError("--size", "'" + text + "' must be WIDTHxHEIGHT, such as 640x480");
-  if (std::min(arguments.width, arguments.height) < 1 || std::max(arguments.width, arguments.height) > 8192)
-    throw CLI::ValidationError("--size", "'" + text + "' is out of range; use 1 to 8192 pixels");
+  const PictureSize size = core::parseSize(text, "--size");
+  arguments.width = size.width;
+  arguments.height = size.height;
 }
 
 void parseCrossSection(const std::string& text, Arguments& arguments) {
@@ -116,7 +84,7 @@ void parseCrossSection(const std::string& text, Arguments& arguments) {
   if (numbers.size() == 1 && numbers[0] >= 0.0 && numbers[0] <= 1.0) {
     arguments.cross_section = numbers;
   } else if (numbers.size() == 4) {
-    const ClipPlane plane = parsePlane(numbers, "--cross-section");
+    const ClipPlane plane = parsePlane(text, "--cross-section");
     arguments.cross_section = {plane.normal.x(), plane.normal.y(), plane.normal.z(), plane.offset_m};
   } else {
     throw CLI::ValidationError("--cross-section",
@@ -165,17 +133,11 @@ void addLook(CLI::App& app, Arguments& a) {
   app.add_option("--specular", a.options.specular, "strength of highlights, 0 to 1 (default 0.2)")
       ->check(CLI::Range(0.0, 1.0));
   addParsed(
-      app, "--background",
-      [&a](const std::string& text) {
-        const std::vector<double> rgb = parseNumbers(text, "--background", 3);
-        if (*std::min_element(rgb.begin(), rgb.end()) < 0.0 || *std::max_element(rgb.begin(), rgb.end()) > 1.0)
-          throw CLI::ValidationError("--background", "red, green and blue must be from 0 to 1");
-        a.background = Vector3(rgb[0], rgb[1], rgb[2]).cast<float>();
-      },
+      app, "--background", [&a](const std::string& text) { a.background = parseColour(text, "--background"); },
       "colour behind, 0 to 1 each (default 0,0,0)", "R,G,B");
   const auto clip = [&a](const std::vector<std::string>& planes) {
     for (const std::string& plane : planes)
-      a.options.clip_planes.push_back(parsePlane(parseNumbers(plane, "--clip", 4), "--clip"));
+      a.options.clip_planes.push_back(parsePlane(plane, "--clip"));
   };
   app.add_option_function<std::vector<std::string>>(
          "--clip", clip, "draw only where NX*x + NY*y + NZ*z <= OFFSET (normal of length 1); up to 8 times")

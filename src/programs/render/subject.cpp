@@ -12,6 +12,7 @@
 #include "soft_volume/grid/grid_reader.h"
 #include "soft_volume/grid/volume_grid.h"
 #include "soft_volume/volume/volume_reader.h"
+#include "view.h"
 
 namespace soft_volume::core::render_program {
 namespace {
@@ -33,13 +34,6 @@ bool isVolume(const std::string& path) {
   };
   const std::array<const char*, 7> suffixes = {".nii", ".nii.gz", ".nrrd", ".nhdr", ".mhd", ".mha", ".vti"};
   return std::any_of(suffixes.begin(), suffixes.end(), ends);
-}
-
-/// Patients are looked at from the front with the head up: columns are the patient's left, superior and anterior.
-Matrix3 patientView(const VolumeGeometry& geometry) {
-  Matrix3 patient;
-  patient << -1, 0, 0, 0, 0, 1, 0, 1, 0;
-  return geometry.direction.transpose() * patient;
 }
 
 /// Hounsfield units go far below 0 and above what other signed data reach.

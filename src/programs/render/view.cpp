@@ -90,6 +90,13 @@ void checkPlace(const Camera& camera, const Subject& subject) {
 
 }  // namespace
 
+/// The columns of `patient` are the patient's left, superior and anterior.
+Matrix3 patientView(const VolumeGeometry& geometry) {
+  Matrix3 patient;
+  patient << -1, 0, 0, 0, 0, 1, 0, 1, 0;
+  return geometry.direction.transpose() * patient;
+}
+
 Camera viewOf(const Arguments& arguments, const Subject& subject, double turn_deg) {
   if (!arguments.camera.empty()) {
     const double radius = halfDiagonal(subject);

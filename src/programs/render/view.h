@@ -6,6 +6,10 @@
 
 namespace soft_volume::core::render_program {
 
+/// The axes of the view at azimuth and elevation 0, as Subject::view has them: patients are looked at from the front
+/// with the head up.
+Matrix3 patientView(const VolumeGeometry& geometry);
+
 /// The camera that the arguments ask for, turned by `turn_deg` more. At zoom 1 the subject's box fills 95 % of the
 /// picture's width or height. Throws InputError when the camera is in the grid or infinitely far.
 Camera viewOf(const Arguments& arguments, const Subject& subject, double turn_deg = 0.0);

@@ -2,8 +2,9 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cstdio>
+#include <functional>
 
+#include "option_values.h"
 #include "soft_volume/replay/replay_bag.h"
 #include "soft_volume/replay/tolerance.h"
 
@@ -58,6 +59,15 @@ void addWork(CLI::App& app, Arguments& a) {
       ->type_name("KEY=LIMIT,...");
 }
 
+/// A check by a parser that throws.
+template <typename Parse>
+std::function<std::string(const std::string&)> checked(const Parse& parse) {
+  return [parse](const std::string& text) {
+    parse(text);
+    return std::string();
+  };
+}
+
 void addRender(CLI::App& app, RenderArguments& r) {
   std::vector<CLI::Option*> details;
   CLI::Option* render =
@@ -66,27 +76,21 @@ void addRender(CLI::App& app, RenderArguments& r) {
   CLI::Option* camera =
       app.add_option("--camera", r.camera, "camera from a YAML file, with the keys of a scene's camera (doc/scene.md)");
   details.push_back(camera);
-  details.push_back(app.add_option_function<std::string>(
-                           "--size",
-                           [&r](const std::string& text) {
-                             int width = 0;
-                             int height = 0;
-                             char rest = '\0';
-                             const bool numbers = std::sscanf(text.c_str(), "%dx%d%c", &width, &height, &rest) == 2;
-                             if (!numbers || std::min(width, height) < 1 || std::max(width, height) > 8192)
-                               throw CLI::ValidationError("--size", "'" + text + "' must be WIDTHxHEIGHT, 1 to 8192");
-                             r.width = width;
-                             r.height = height;
-                           },
-                           "pixels")
-                        ->type_name("WxH"));
+  const auto set_size = [&r](const std::string& text) {
+    const core::PictureSize size = core::parseSize(text, "--size");
+    r.width = size.width;
+    r.height = size.height;
+  };
+  details.push_back(
+      app.add_option_function<std::string>("--size", set_size, "pixels")->type_name("WxH")->excludes(camera));
   for (const auto& angle :
        {app.add_option("--azimuth", r.azimuth_deg, "see the whole grid instead, turned to the camera's right, degrees")
             ->check(CLI::Range(-36000.0, 36000.0)),
         app.add_option("--elevation", r.elevation_deg, "the same: rise of the camera, degrees")
             ->check(CLI::Range(-90.0, 90.0)),
-        app.add_option("--zoom", r.zoom, "the same: magnification (1: everything fits)")
-            ->check(CLI::Range(1e-3, 1e3))}) {
+        app.add_option("--zoom", r.zoom, "the same: magnification (1: everything fits)")->check(CLI::Range(1e-3, 1e3)),
+        app.add_option("--projection", r.projection, "the same: perspective (default) or parallel")
+            ->check(CLI::IsMember({"perspective", "parallel"}))}) {
     angle->excludes(camera);
     details.push_back(angle);
   }
@@ -102,9 +106,12 @@ void addRender(CLI::App& app, RenderArguments& r) {
                         ->check(CLI::Range(1e-12, 1e12))
                         ->excludes(slices));
   details.push_back(app.add_option("--shade", r.shade, "light, 0 (none) to 1")->check(CLI::Range(0.0, 1.0)));
-  details.push_back(app.add_option("--background", r.background, "colour behind, 0 to 1 each")->type_name("R,G,B"));
+  details.push_back(app.add_option("--background", r.background, "colour behind, 0 to 1 each")
+                        ->check(checked([](const std::string& text) { core::parseColour(text, "--background"); }))
+                        ->type_name("R,G,B"));
   details.push_back(app.add_option("--clip", r.clip, "draw only where NX*x + NY*y + NZ*z <= OFFSET; up to 8 times")
                         ->allow_extra_args(false)
+                        ->check(checked([](const std::string& text) { core::parsePlane(text, "--clip"); }))
                         ->type_name("NX,NY,NZ,OFFSET"));
   details.push_back(app.add_option("--every", r.every_s,
                                    "simulated time between frames, seconds (default: the frames that were recorded)")
@@ -135,8 +142,6 @@ void refuseMissing(const Arguments& a) {
     if (given)
       throw ReplayError(std::string(option) + ": this version cannot do that yet");
   };
-  refuse(!a.render.dir.empty(), "--render");
-  refuse(!a.video.empty(), "--video");
   refuse(!a.report.empty(), "--report");
 }
 

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "arguments.h"
+#include "soft_volume/render/image_io.h"
 #include "soft_volume/replay/comparison.h"
 #include "soft_volume/replay/replay_bag.h"
 #include "soft_volume/replay/resimulation.h"
@@ -12,14 +14,24 @@
 
 namespace soft_volume::replay_program {
 
+/// A picture that --render made.
+struct DrawnFrame {
+  std::string file;
+  std::string camera;
+  double time_s = 0.0;
+  std::uint64_t step = 0;
+  std::optional<core::ImageDifference> difference;  ///< from the recorded frame, where there is one of this size
+};
+
 /// What the parts of the program did and found, for its output, its report and its exit code.
 struct Findings {
   std::optional<ReplayReport> check;  ///< as far as it came
   std::optional<Resimulation> resimulation;
   std::optional<Comparison> comparison;  ///< of --against, or of what --resimulate wrote with what was recorded
   std::vector<Judgement> judgements;     ///< of the check and the comparison
-  std::vector<std::string> notes;        ///< of the other parts, for the output
-  std::string error;                     ///< why something could not be done; empty when all was
+  std::vector<DrawnFrame> drawn;
+  std::vector<std::string> notes;  ///< of the other parts, for the output
+  std::string error;               ///< why something could not be done; empty when all was
   double wall_s = 0.0;
 };
 
@@ -36,6 +48,12 @@ void resimulateRun(const Arguments& arguments, Findings& findings);
 void compare(const Arguments& arguments, Findings& findings);
 /// Holds what was found against --tolerance; without one, what --against finds has to be identical.
 void judgeFindings(const Arguments& arguments, Findings& findings);
+
+/// --render.
+void render(const Arguments& arguments, Findings& findings);
+
+/// --video, of what render() drew where it did.
+void video(const Arguments& arguments, Findings& findings);
 
 /// --export-csv and --export-vtu.
 void exportRun(const Arguments& arguments, Findings& findings);

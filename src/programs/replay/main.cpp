@@ -25,6 +25,8 @@ void runParts(const Arguments& arguments, Findings& findings) {
   resimulateRun(arguments, findings);
   compare(arguments, findings);
   judgeFindings(arguments, findings);
+  render(arguments, findings);
+  video(arguments, findings);
   exportRun(arguments, findings);
 }
 
@@ -40,6 +42,19 @@ std::uint64_t countDifferences(const Findings& findings) {
 
 bool isCompared(const Arguments& arguments) {
   return arguments.check || !arguments.against.empty() || !arguments.tolerance.empty();
+}
+
+nlohmann::json drawnJson(const Findings& findings) {
+  nlohmann::json frames = nlohmann::json::array();
+  for (const DrawnFrame& frame : findings.drawn) {
+    frames.push_back({{"file", frame.file}, {"camera", frame.camera}, {"step", frame.step}, {"time_s", frame.time_s}});
+    if (frame.difference)
+      frames.back().update({{"rmse", frame.difference->rmse},
+                            {"ssim", frame.difference->ssim},
+                            {"largest", frame.difference->largest},
+                            {"pixels", frame.difference->pixels}});
+  }
+  return frames;
 }
 
 /// The counts of the check as they have always been, with what else was found beside them.
@@ -60,6 +75,7 @@ nlohmann::json toJson(const Findings& findings) {
                           {"text", judgement.text}});
   }
   json["judgements"] = judgements;
+  json["rendered"] = drawnJson(findings);
   json["within"] = findings.error.empty() && !isDifferent(findings);
   return json;
 }
