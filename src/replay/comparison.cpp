@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "grid_pair.h"
+#include "quantity_json.h"
 #include "soft_volume/messages/journal.h"
 #include "soft_volume/messages/topics.h"
 
@@ -21,8 +22,6 @@ namespace {
 
 constexpr double kSameTime_s = 1e-6;
 constexpr double kSameFrame_s = 1e-3;
-/// What moved less is at rest, for the RMS: part of a cell's edge.
-constexpr double kMoved = 0.01;
 /// Frames take longest to compare; for the progress only.
 constexpr double kFrameWork = 4.0;
 
@@ -272,7 +271,7 @@ class RunComparison {
       const auto second_positions = positionsAt(moment);
       if (first_positions.size() != a->vertexCount() || second_positions.size() != b->vertexCount())
         throw ReplayError("the bag is damaged: a state has another number of vertices than its topology");
-      pair->compare(state.time_s, first_positions, second_positions, kMoved * h_m, positions);
+      pair->compare(state.time_s, first_positions, second_positions, kMovedPart * h_m, positions);
       interpolated_ += moment.before != moment.after ? 1 : 0;
       areas.addValues(state.time_s, areas_.first, areas_.second, std::abs(areas_.first - areas_.second));
       parts.addValues(state.time_s, parts_.first, parts_.second, std::abs(parts_.first - parts_.second));
@@ -518,23 +517,8 @@ Comparison compareBags(const RecordedBag& first, const RecordedBag& second, cons
 
 std::string toJson(const Comparison& comparison) {
   nlohmann::json quantities = nlohmann::json::array();
-  for (const ComparedQuantity& quantity : comparison.quantities) {
-    quantities.push_back({{"key", quantity.key},
-                          {"subject", quantity.subject},
-                          {"title", quantity.title},
-                          {"unit", quantity.unit},
-                          {"run", quantity.run},
-                          {"rms", quantity.rms},
-                          {"largest", quantity.largest},
-                          {"largest_at_s", quantity.largest_at_s},
-                          {"scale", quantity.scale},
-                          {"samples", quantity.samples.size()},
-                          {"compared", quantity.compared},
-                          {"left_out", quantity.left_out},
-                          {"left_out_reason", quantity.left_out_reason},
-                          {"identical", quantity.identical},
-                          {"reproducible", quantity.reproducible}});
-  }
+  for (const ComparedQuantity& quantity : comparison.quantities)
+    quantities.push_back(quantityJson(quantity));
   const nlohmann::json json = {
       {"first", comparison.first},         {"second", comparison.second}, {"identical", comparison.identical()},
       {"spacing_m", comparison.spacing_m}, {"quantities", quantities},    {"scene_changes", comparison.scene_changes},

@@ -88,6 +88,10 @@ std::optional<ReplayDifference> FrameReplay::check(const core::Session& session,
     ++report_->frames_without_image;
   if (options_->on_frame)
     show(stats, recorded, image);
+  if (measure_ != nullptr) {
+    measureFrame(session, stats, recorded, image);
+    return std::nullopt;
+  }
   return stats.renderer == painter_.driver() ? compareExactly(image, stats, recorded)
                                              : compareByPsnr(image, stats, recorded);
 }
@@ -103,6 +107,17 @@ core::Image FrameReplay::render(const core::Session& session, const core::Render
   for (const core::Vector3& p : session.drawnPositions())
     state.positions_m.push_back(p.cast<float>());
   return painter_.paint(state, settings, stats.settings, camera, stats.coarseness);
+}
+
+void FrameReplay::measureFrame(const core::Session& session, const RenderStats& stats,
+                               const std::optional<sensor_msgs::Image>& recorded, const core::Image& image) {
+  if (!recorded) {
+    measure_->leaveOutFrame(stats, "not recorded as images");
+  } else if (!hasShape(*recorded, image)) {
+    measure_->leaveOutFrame(stats, "of another size or encoding");
+  } else {
+    measure_->compareFrame(session, stats, {image.width, image.height, recorded->data}, image);
+  }
 }
 
 void FrameReplay::show(const RenderStats& stats, const std::optional<sensor_msgs::Image>& recorded,

@@ -10,6 +10,9 @@
 
 namespace soft_volume {
 
+/// Points that moved less are at rest, for the RMS: part of a cell's edge.
+constexpr double kMovedPart = 0.01;
+
 /// Which material points two grids of the same tissue share, and how far their places are apart.
 ///
 /// Grids of one lattice share the vertices that both have at the same place at rest and in the same cells: not those of

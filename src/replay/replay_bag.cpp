@@ -7,6 +7,7 @@
 
 #include "bag_contents.h"
 #include "frame_replay.h"
+#include "quantity_json.h"
 #include "session_replay.h"
 
 namespace soft_volume {
@@ -125,6 +126,11 @@ void replayBag(const std::string& path, const ReplayOptions& options, const Repl
 
 namespace {
 
+/// What was measured is the same all the same.
+bool allSame(const std::vector<ComparedQuantity>& measured) {
+  return std::all_of(measured.begin(), measured.end(), [](const ComparedQuantity& q) { return q.identical; });
+}
+
 nlohmann::json differenceJson(const ReplayDifference& difference) {
   nlohmann::json json = {
       {"kind", difference.kind}, {"session", difference.session}, {"step", difference.step}, {"text", difference.text}};
@@ -147,7 +153,10 @@ std::string toJson(const ReplayReport& report, const std::string& error) {
   nlohmann::json differences = nlohmann::json::array();
   for (const ReplayDifference& difference : report.first_differences)
     differences.push_back(differenceJson(difference));
-  nlohmann::json json = {{"identical", error.empty() && report.identical()},
+  nlohmann::json measured = nlohmann::json::array();
+  for (const ComparedQuantity& quantity : report.measured)
+    measured.push_back(quantityJson(quantity));
+  nlohmann::json json = {{"identical", error.empty() && report.identical() && allSame(report.measured)},
                          {"error", error},
                          {"first_difference", differences.empty() ? nlohmann::json() : differences.front()},
                          {"first_differences", differences},
@@ -169,6 +178,8 @@ std::string toJson(const ReplayReport& report, const std::string& error) {
                          {"images_without_stats", report.images_without_stats},
                          {"not_checked", report.not_checked},
                          {"lowest_psnr_db", report.lowest_psnr_db},
+                         {"measured", measured},
+                         {"spacing_m", report.spacing_m},
                          {"wall_s", report.wall_s},
                          {"notes", report.notes}};
   return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";

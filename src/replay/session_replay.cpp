@@ -134,7 +134,8 @@ SessionReplay::SessionReplay(BagContents& contents, const SessionMessages& messa
       frames_(&frames),
       advance_(std::move(advance)),
       report_(&report),
-      states_(messages.states) {}
+      states_(messages.states),
+      measure_(report) {}
 
 ReplayDifference SessionReplay::difference(const char* kind, const std::string& text) const {
   ReplayDifference difference;
@@ -150,9 +151,11 @@ void SessionReplay::run() {
   if (!rebuild())
     return;
   plan();
-  frames_->begin();
+  frames_->begin(options_->measure ? &measure_ : nullptr);
   if (start_.checkpoint != nullptr)
     restore();
+  if (options_->measure)
+    measure_.beginSession(*session_, report_->sessions - 1);
   for (std::size_t n = start_.journal; n < messages_->journals.size(); ++n)
     replayJournal(messages_->journals[n]);
   leaveStep();
@@ -291,6 +294,8 @@ void SessionReplay::replayJournal(const BagMessage& message) {
   if (!options_->check)
     return;
   ++report_->journals;
+  if (options_->measure)
+    return;
   if (journal.state_hash != session_->simulation().stateHash()) {
     report_->add(difference("journal", "the state does not have the hash that the journal states"));
   }
@@ -384,12 +389,21 @@ void SessionReplay::enterStep() {
   const std::uint64_t step = session_->steps();
   for (; next_planned_ < planned_.size() && planned_[next_planned_].step <= step; ++next_planned_) {
     if (planned_[next_planned_].step < step) {
-      ++report_->not_checked;
+      skip(planned_[next_planned_]);
     } else {
       open_.push_back(open(planned_[next_planned_]));
     }
   }
   visit();
+}
+
+/// What was recorded before the replay begins. Later states and topologies refer to it.
+void SessionReplay::skip(const Planned& planned) {
+  ++report_->not_checked;
+  if (options_->measure && planned.kind == Kind::kState)
+    measure_.decode(contents_->read<GridState>(*planned.message->instance));
+  if (options_->measure && planned.kind == Kind::kTopology)
+    openTopology(*planned.message);
 }
 
 void SessionReplay::visit() {
@@ -412,8 +426,11 @@ void SessionReplay::leaveStep() {
   for (Open& check : open_) {
     if (check.counter != nullptr)
       ++*check.counter;
-    if (options_->check)
+    if (check.otherwise) {
+      check.otherwise();
+    } else if (options_->check) {
       report_->add(std::move(*check.last));
+    }
   }
   open_.clear();
 }
@@ -423,28 +440,68 @@ SessionReplay::Open SessionReplay::open(const Planned& planned) {
   switch (planned.kind) {
     case Kind::kTopology:
       return openTopology(*message);
-    case Kind::kState: {
-      auto state = std::make_shared<GridState>(contents_->read<GridState>(*message->instance));
-      const BagMessage* previous = planned.previous;
-      return {[this, state, previous] { return states_.compare(*session_, *state, previous); }, &report_->states, {}};
-    }
+    case Kind::kState:
+      return openState(*message, planned.previous);
     case Kind::kCheckpoint:
-      return {[this, message] { return compareCheckpoint(*message); }, &report_->checkpoints, {}};
+      if (options_->measure)
+        return {[] { return std::nullopt; }, &report_->checkpoints, {}, {}};
+      return {[this, message] { return compareCheckpoint(*message); }, &report_->checkpoints, {}, {}};
     case Kind::kFrame:
       break;
   }
-  // Drawing takes long and uses an image up, so it happens once.
+  return openFrame(*message);
+}
+
+/// Drawing takes long and uses an image up, so it happens once.
+SessionReplay::Open SessionReplay::openFrame(const BagMessage& message) {
   auto drawn = std::make_shared<std::optional<Outcome>>();
-  return {[this, message, drawn] {
-            if (*drawn)
-              return **drawn;
-            const Outcome outcome = compareFrame(*message);
-            if (message->revision == session_->lattice().revision)
-              *drawn = outcome;
-            return outcome;
+  Open open{[this, &message, drawn] {
+              if (*drawn)
+                return **drawn;
+              const Outcome outcome = compareFrame(message);
+              if (message.revision == session_->lattice().revision)
+                *drawn = outcome;
+              return outcome;
+            },
+            nullptr,
+            {},
+            {}};
+  if (options_->measure) {
+    open.otherwise = [this, &message] {
+      measure_.leaveOutFrame(contents_->read<RenderStats>(*message.instance), "of another revision than the replay's");
+    };
+  }
+  return open;
+}
+
+SessionReplay::Open SessionReplay::openState(const BagMessage& message, const BagMessage* previous) {
+  auto state = std::make_shared<GridState>(contents_->read<GridState>(*message.instance));
+  if (options_->measure)
+    return openMeasuredState(state);
+  return {[this, state, previous] { return states_.compare(*session_, *state, previous); }, &report_->states, {}, {}};
+}
+
+/// Measured where the step shows the recorded revision, else at its end.
+SessionReplay::Open SessionReplay::openMeasuredState(const std::shared_ptr<const GridState>& state) {
+  const auto positions = measure_.decode(*state);
+  const auto topology = recorded_topologies_.topology();
+  const auto measure = [this, state, positions, topology] {
+    if (positions) {
+      measure_.compareState(*session_, *state, *positions, topology);
+    } else {
+      ++report_->not_checked;
+    }
+  };
+  const Outcome other_revision = difference("state", "it has another revision");
+  return {[this, state, measure, other_revision]() -> Outcome {
+            if (state->revision != session_->lattice().revision)
+              return other_revision;
+            measure();
+            return std::nullopt;
           },
-          nullptr,
-          {}};
+          &report_->states,
+          {},
+          measure};
 }
 
 /// A delta is compared as the whole grid that it leads to.
@@ -453,17 +510,19 @@ SessionReplay::Open SessionReplay::openTopology(const BagMessage& message) {
   try {
     const auto result = takeMessage(*recorded, recorded_topologies_);
     if (recorded->delta && result != core::TopologyDecoder::Result::kApplied)
-      return {[] { return std::nullopt; }, &report_->not_checked, {}};
+      return {[] { return std::nullopt; }, &report_->not_checked, {}, {}};
   } catch (const core::InputError& error) {
     const ReplayDifference bad = difference("topology", error.what());
-    return {[bad] { return bad; }, &report_->topologies, {}};
+    return {[bad] { return bad; }, &report_->topologies, {}, {}};
   }
+  if (options_->measure)
+    return {[] { return std::nullopt; }, &report_->topologies, {}, {}};
   if (recorded->delta) {
     const auto header = recorded->header;
     *recorded = toMessage(*recorded_topologies_.topology(), recorded->step);
     recorded->header = header;
   }
-  return {[this, recorded] { return compareTopology(*recorded); }, &report_->topologies, {}};
+  return {[this, recorded] { return compareTopology(*recorded); }, &report_->topologies, {}, {}};
 }
 
 SessionReplay::Outcome SessionReplay::compareTopology(const GridTopology& recorded) const {

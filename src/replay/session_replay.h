@@ -12,6 +12,7 @@
 
 #include "bag_contents.h"
 #include "frame_replay.h"
+#include "replay_measure.h"
 #include "soft_volume/grid/topology_delta.h"
 #include "soft_volume/messages/journal.h"
 #include "soft_volume/session/session.h"
@@ -59,6 +60,7 @@ class SessionReplay {
     std::function<Outcome()> compare;
     std::uint64_t* counter;
     Outcome last;
+    std::function<void()> otherwise;  ///< called instead of reporting `last`, at the end of the step; or empty
   };
 
   void plan();
@@ -75,10 +77,14 @@ class SessionReplay {
   void checkVerdict(const JournalEntry& recorded, const JournalEntry& again);
   void advanceTo(std::uint64_t step);
   void enterStep();
+  void skip(const Planned& planned);
   void visit();
   void leaveStep();
   Open open(const Planned& planned);
   Open openTopology(const BagMessage& message);
+  Open openState(const BagMessage& message, const BagMessage* previous);
+  Open openMeasuredState(const std::shared_ptr<const GridState>& state);
+  Open openFrame(const BagMessage& message);
   Outcome compareTopology(const GridTopology& recorded) const;
   Outcome compareCheckpoint(const BagMessage& message) const;
   Outcome compareFrame(const BagMessage& message);
@@ -97,6 +103,7 @@ class SessionReplay {
   std::unique_ptr<Journal> journal_;
   core::TopologyDecoder recorded_topologies_;  ///< deltas refer to what was recorded before
   StateCheck states_;
+  ReplayMeasure measure_;
   std::vector<Planned> planned_;
   std::size_t next_planned_ = 0;
   std::vector<Open> open_;

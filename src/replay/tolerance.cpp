@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <set>
 #include <sstream>
 
 #include "soft_volume/replay/replay_bag.h"
@@ -202,6 +203,16 @@ std::vector<Judgement> judge(const std::vector<ComparedQuantity>& quantities, do
     judgements.push_back(std::move(missing));
   }
   return judgements;
+}
+
+Tolerance measurableInReplay(const Tolerance& tolerance) {
+  const std::set<std::string> measured = {"positions", "image_rmse", "ssim", "cut_area", "parts", "revision"};
+  Tolerance measurable;
+  for (const auto& limit : tolerance.limits) {
+    if (measured.count(limitNamed(limit.first).quantity) != 0)
+      measurable.limits.insert(limit);
+  }
+  return measurable;
 }
 
 bool allWithin(const std::vector<Judgement>& judgements) {

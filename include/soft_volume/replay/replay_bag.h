@@ -8,6 +8,7 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/render/image_io.h"
+#include "soft_volume/replay/compared_quantity.h"
 
 namespace soft_volume {
 
@@ -27,7 +28,10 @@ struct ReplayedFrame {
 };
 
 struct ReplayOptions {
-  bool check = true;       ///< compare with what was recorded; otherwise frames are only rendered again
+  bool check = true;  ///< compare with what was recorded; otherwise frames are only rendered again
+  /// States, topologies and frames need not be the same: how far they are apart is measured. What was recorded has to
+  /// hold together all the same, and inputs have to be applied and refused as they were.
+  bool measure = false;
   std::string frames_dir;  ///< where rendered frames go as CAMERA_STEP.png; empty for nowhere
   int threads = 1;
   std::function<void(const ReplayedFrame&)> on_frame;  ///< called for every frame that is compared; or empty
@@ -72,6 +76,10 @@ struct ReplayReport {
   std::vector<ReplayDifference> first_differences;  ///< the first few, in the order in which they were found
   std::vector<std::string> notes;                   ///< what a reader of the counts should know
 
+  std::vector<ComparedQuantity> measured;  ///< when asked for: the record first, the replay second
+  double spacing_m = 0.0;                  ///< shortest edge of a cell, of the coarsest grid
+
+  /// Nothing differs that was not measured.
   bool identical() const { return differences == 0; }
   void add(ReplayDifference difference);
 };

@@ -37,6 +37,10 @@ struct Judgement {
 std::vector<Judgement> judge(const std::vector<ComparedQuantity>& quantities, double spacing_m,
                              const Tolerance& tolerance);
 
+/// The limits of what a replay measures when it applies a journal again: forces are its inputs, wall times and the
+/// solver's statistics are not compared.
+Tolerance measurableInReplay(const Tolerance& tolerance);
+
 bool allWithin(const std::vector<Judgement>& judgements);
 
 }  // namespace soft_volume

@@ -27,11 +27,15 @@ void printSummary(const ReplayReport& report, bool check) {
   printRow("  of these refused", report.inputs_refused, "as in the run");
   if (check) {
     printRow("journal hashes", report.journals);
-    printRow("states", report.states, "bit for bit");
+    printRow("states", report.states, report.measured.empty() ? "bit for bit" : "measured");
     printRow("topologies", report.topologies);
     printRow("checkpoints", report.checkpoints);
   }
-  printRow("frames", report.frames, !check ? "rendered" : report.frames_by_psnr > 0 ? "by PSNR" : "byte for byte");
+  const char* frames = !check                      ? "rendered"
+                       : !report.measured.empty()  ? "measured"
+                       : report.frames_by_psnr > 0 ? "by PSNR"
+                                                   : "byte for byte";
+  printRow("frames", report.frames, frames);
   if (report.frames_without_image > 0)
     printRow("frames by hash alone", report.frames_without_image, "no image recorded");
   if (report.images_without_stats > 0)
@@ -62,6 +66,7 @@ void check(const Arguments& arguments, Findings& findings) {
     makeFolder(arguments.frames_dir);
   ReplayOptions options;
   options.check = arguments.check;
+  options.measure = arguments.check && !arguments.tolerance.empty();
   options.frames_dir = arguments.frames_dir;
   options.threads = arguments.threads;
   core::ProgressBar bar(arguments.no_progress);

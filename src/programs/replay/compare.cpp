@@ -1,10 +1,20 @@
 #include <cstdio>
+#include <iterator>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "findings.h"
 #include "progress_bar.h"
 
 namespace soft_volume::replay_program {
+namespace {
+
+void append(std::vector<Judgement> from, std::vector<Judgement>& to) {
+  std::move(from.begin(), from.end(), std::back_inserter(to));
+}
+
+}  // namespace
 
 void compare(const Arguments& arguments, Findings& findings) {
   const std::string& other = arguments.resimulate ? arguments.output : arguments.against;
@@ -17,26 +27,30 @@ void compare(const Arguments& arguments, Findings& findings) {
 }
 
 void judgeFindings(const Arguments& arguments, Findings& findings) {
-  const bool judged = !arguments.against.empty() || !arguments.tolerance.empty();
-  if (!findings.comparison || !judged)
-    return;
   const Tolerance tolerance = arguments.tolerance.empty() ? Tolerance() : parseTolerance(arguments.tolerance);
-  for (Judgement& judgement : judge(findings.comparison->quantities, findings.comparison->spacing_m, tolerance))
-    findings.judgements.push_back(std::move(judgement));
+  if (findings.check && arguments.check && !tolerance.empty()) {
+    const Tolerance measurable = measurableInReplay(tolerance);
+    for (const auto& limit : tolerance.limits) {
+      if (measurable.limits.count(limit.first) == 0 && !findings.comparison)
+        findings.notes.push_back("the limit of " + limit.first + " was not judged: --check does not measure it");
+    }
+    append(judge(findings.check->measured, findings.check->spacing_m, measurable), findings.judgements);
+  }
+  if (findings.comparison && (!arguments.against.empty() || !tolerance.empty()))
+    append(judge(findings.comparison->quantities, findings.comparison->spacing_m, tolerance), findings.judgements);
 }
 
 namespace {
 
-void printQuantities(const Comparison& comparison) {
+void printQuantities(const std::vector<ComparedQuantity>& quantities, double spacing_m) {
   std::printf("  %-28s %-6s %12s %12s %10s %12s\n", "", "", "RMS", "largest", "at [s]", "compared");
-  for (const ComparedQuantity& quantity : comparison.quantities) {
+  for (const ComparedQuantity& quantity : quantities) {
     const std::string name = quantity.key + (quantity.subject.empty() ? "" : " " + quantity.subject) +
                              (quantity.run > 0 ? " #" + std::to_string(quantity.run + 1) : "");
     std::printf("  %-28s %-6s %12.4g %12.4g %10.3f %12llu\n", name.c_str(), quantity.unit.c_str(), quantity.rms,
                 quantity.largest, quantity.largest_at_s, static_cast<unsigned long long>(quantity.compared));
-    if (quantity.key == "positions" && comparison.spacing_m > 0.0)
-      std::printf("  %-28s %-6s %12.4g %12.4g\n", "", "h", quantity.rms / comparison.spacing_m,
-                  quantity.largest / comparison.spacing_m);
+    if (quantity.key == "positions" && spacing_m > 0.0)
+      std::printf("  %-28s %-6s %12.4g %12.4g\n", "", "h", quantity.rms / spacing_m, quantity.largest / spacing_m);
     if (quantity.left_out > 0)
       std::printf("  %-28s %llu left out: %s\n", "", static_cast<unsigned long long>(quantity.left_out),
                   quantity.left_out_reason.c_str());
@@ -46,11 +60,15 @@ void printQuantities(const Comparison& comparison) {
 }  // namespace
 
 void printComparison(const Findings& findings) {
+  if (findings.check && !findings.check->measured.empty()) {
+    std::printf("replayed against recorded, h = %.4g m\n", findings.check->spacing_m);
+    printQuantities(findings.check->measured, findings.check->spacing_m);
+  }
   if (!findings.comparison)
     return;
   const Comparison& comparison = *findings.comparison;
   std::printf("%s against %s, h = %.4g m\n", comparison.second.c_str(), comparison.first.c_str(), comparison.spacing_m);
-  printQuantities(comparison);
+  printQuantities(comparison.quantities, comparison.spacing_m);
   for (const std::string& change : comparison.scene_changes)
     std::printf("scene: %s\n", change.c_str());
   for (const std::string& note : comparison.notes)
