@@ -16,6 +16,7 @@ Records everything that a replay needs; after a kill, 'rosbag reindex' brings ba
   _file:=BAG                bag to write; required
   _topics:="[a, b]"         topics instead of the default ones; */NAME takes every topic that ends so
   _compression:=none        lz4 or none (lz4)
+  _split_mib:=N             begin another part at this size: NAME_0.bag, NAME_1.bag... (0: one file)
   _reserve_mib:=N           stop when less than this is free on the disk (256)
   _queue_mib:=N             most that waits for the disk; more is dropped and counted (256)
 )";

@@ -17,6 +17,7 @@
 #include <map>
 #include <set>
 
+#include "message_start.h"
 #include "soft_volume/messages/topics.h"
 
 namespace soft_volume {
@@ -54,32 +55,6 @@ const std::map<std::string, KnownType>& knownTypes() {
     return all;
   }();
   return types;
-}
-
-/// How our messages begin, and what journals and states say next.
-struct MessageStart {
-  std_msgs::Header header;
-  std::uint64_t session = 0;
-  BagMessage message;
-};
-
-MessageStart readStart(const std::string& type, std::vector<std::uint8_t> bytes) {
-  ros::serialization::IStream stream(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
-  MessageStart start;
-  stream.next(start.header);
-  stream.next(start.session);
-  stream.next(start.message.revision);
-  stream.next(start.message.step);
-  if (type == ros::message_traits::datatype<SimulationJournal>())
-    stream.next(start.message.first_step);
-  if (type == ros::message_traits::datatype<GridState>()) {
-    std::uint8_t key_frame = 0;
-    stream.next(start.message.time_s);
-    stream.next(key_frame);
-    stream.next(start.message.base_step);
-    start.message.key_frame = key_frame != 0;
-  }
-  return start;
 }
 
 bool isImage(const rosbag::ConnectionInfo& connection) {
@@ -178,9 +153,11 @@ void BagContents::addMessage(const rosbag::MessageInstance& instance) {
   } else if (type.list == nullptr) {
     addImage(instance);
   } else {
-    MessageStart start = readStart(name, bytes(instance));
-    start.message.instance = std::make_shared<rosbag::MessageInstance>(instance);
-    (session(start.session).*type.list).push_back(start.message);
+    std::vector<std::uint8_t> content = bytes(instance);
+    const MessageStart start = readMessageStart(name, content);
+    (session(start.session).*type.list)
+        .push_back({std::make_shared<rosbag::MessageInstance>(instance), start.revision, start.step, start.first_step,
+                    start.base_step, start.time_s, start.key_frame});
   }
 }
 

@@ -46,6 +46,10 @@ class RecordReader {
 
  private:
   [[noreturn]] void damaged(const std::string& what) const {
+    if (largest_chunk_ == 0) {
+      throw ReplayError(path_ + ": the bag holds no whole message (" + what +
+                        "); if its recorder was killed when it had just begun, nothing is lost but this file");
+    }
     throw ReplayError(path_ + ": the bag is damaged or cut short at byte " + std::to_string(position_) + " (" + what +
                       "); `rosbag reindex` may save what comes before");
   }

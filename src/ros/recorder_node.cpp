@@ -4,13 +4,13 @@
 #include <ros/console.h>
 #include <ros/init.h>
 #include <ros/master.h>
-#include <soft_volume/SimulationJournal.h>
 
 #include <cstdio>
 #include <cstring>
 
 #include "soft_volume/messages/topics.h"
 #include "soft_volume/ros/parameters.h"
+#include "soft_volume/ros/recording_info.h"
 
 namespace soft_volume {
 namespace {
@@ -18,28 +18,23 @@ namespace {
 /// Enough for some seconds of a 1 kHz topic. Callbacks only queue, so it fills up only when the machine stands still.
 constexpr std::uint32_t kSubscriberQueue = 10000;
 constexpr double kSearchInterval_s = 0.5;
+constexpr double kWatchInterval_s = 0.25;
 constexpr char kPattern[] = "*/";
 
 const std::vector<std::string>& defaultTopics() {
-  static const std::vector<std::string> topics = {topics::kScene,
-                                                  topics::kVolume,
-                                                  topics::kTopology,
-                                                  topics::kState,
-                                                  topics::kJournal,
-                                                  topics::kCheckpoint,
-                                                  topics::kToolForce,
-                                                  topics::kToolCut,
-                                                  topics::kToolGrip,
-                                                  topics::kToolState,
-                                                  topics::kServoForce,
-                                                  topics::kMeasuredPose,
-                                                  topics::kButtons,
-                                                  topics::kMeasuredVelocity,
-                                                  topics::kRenderStats,
-                                                  topics::kSimulationStats,
-                                                  "*/image_raw",
-                                                  "*/camera_info",
-                                                  "*/view"};
+  static const std::vector<std::string> topics = {topics::kScene,       topics::kVolume,
+                                                  topics::kTopology,    topics::kState,
+                                                  topics::kJournal,     topics::kCheckpoint,
+                                                  topics::kToolForce,   topics::kToolCut,
+                                                  topics::kToolGrip,    topics::kToolState,
+                                                  topics::kServoForce,  topics::kMeasuredPose,
+                                                  topics::kButtons,     topics::kMeasuredVelocity,
+                                                  topics::kRenderStats, topics::kSimulationStats,
+                                                  "/diagnostics",       "/rosout",
+                                                  "*/measured_cp",      "*/measured_cv",
+                                                  "*/servo_cf",         "*/joy",
+                                                  "*/operating_state",  "*/image_raw",
+                                                  "*/camera_info",      "*/view"};
   return topics;
 }
 
@@ -62,6 +57,7 @@ BagRecorderSettings recorderSettings(const ros::NodeHandle& node) {
   }
   settings.compress = compression == "lz4";
   settings.reserve_bytes = std::uint64_t(parameter<int>(node, "reserve_mib", 256, 1, 1 << 30)) << 20;
+  settings.split_bytes = std::uint64_t(parameter<int>(node, "split_mib", 0, 0, 1 << 30)) << 20;
   settings.queue_bytes = std::uint64_t(parameter<int>(node, "queue_mib", 256, 1, 1 << 20)) << 20;
   return settings;
 }
@@ -80,7 +76,14 @@ bool isLatched(const ros::MessageEvent<const AnyMessage>& event) {
 RecorderNode::RecorderNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
     : node_(node),
       file_(recorderSettings(private_node).file),
-      recorder_(recorderSettings(private_node)),
+      recorder_([this, &private_node] {
+        BagRecorderSettings settings = recorderSettings(private_node);
+        settings.last_topic = node_.resolveName(topics::kRecorderStatus);
+        settings.last_message = [this](const std::string& next_file, const std::string& reason) {
+          return lastMessage(next_file, reason);
+        };
+        return settings;
+      }()),
       diagnostics_(node, private_node) {
   for (const std::string& topic : wantedTopics(private_node)) {
     if (topic.compare(0, std::strlen(kPattern), kPattern) == 0) {
@@ -95,6 +98,9 @@ RecorderNode::RecorderNode(const ros::NodeHandle& node, const ros::NodeHandle& p
   diagnostics_.add("recorder", this, &RecorderNode::diagnose);
   timers_.push_back(node_.createWallTimer(ros::WallDuration(kSearchInterval_s),
                                           [this](const ros::WallTimerEvent&) { findTopics(); }));
+  writeInfo();
+  timers_.push_back(
+      node_.createWallTimer(ros::WallDuration(kWatchInterval_s), [this](const ros::WallTimerEvent&) { watch(); }));
   timers_.push_back(node_.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) {
     publishStatus();
     diagnostics_.force_update();
@@ -135,29 +141,33 @@ void RecorderNode::findTopics() {
 
 void RecorderNode::hear(const std::string& topic, const ros::MessageEvent<const AnyMessage>& event) {
   const boost::shared_ptr<const AnyMessage> message = event.getConstMessage();
-  if (message->getDataType() == ros::message_traits::datatype<SimulationJournal>())
-    readProgress(*message);
+  {
+    const std::lock_guard<std::mutex> lock(watch_mutex_);
+    watch_.hear(topic, *message, event.getConnectionHeaderPtr(), ros::WallTime::now());
+  }
   recorder_.write(topic, event.getReceiptTime(), message, event.getConnectionHeaderPtr(), isLatched(event));
 }
 
-void RecorderNode::readProgress(const AnyMessage& journal) {
-  std::vector<std::uint8_t> bytes(journal.size());
-  ros::serialization::OStream out(bytes.data(), journal.size());
-  journal.write(out);
-  ros::serialization::IStream in(bytes.data(), journal.size());
-  try {
-    std_msgs::Header header;
-    in.next(header);
-    in.next(progress_.session);
-    in.next(progress_.revision);
-    in.next(progress_.step);
-  } catch (const ros::serialization::StreamOverrunException&) {
-    ROS_WARN_THROTTLE(1.0, "a journal message is too short; it is recorded as it is");
+void RecorderNode::writeInfo() {
+  recorder_.write(node_.resolveName(topics::kRecordingInfo), ros::Time::now(), makeRecordingInfo(), true);
+}
+
+/// A launch file has set the parameters of all its nodes before the first run begins.
+void RecorderNode::watch() {
+  std::uint64_t session = 0;
+  {
+    const std::lock_guard<std::mutex> lock(watch_mutex_);
+    watch_.look(ros::WallTime::now());
+    session = watch_.progress().session;
   }
+  if (session == informed_session_)
+    return;
+  informed_session_ = session;
+  writeInfo();
 }
 
 int RecorderNode::run(const volatile std::sig_atomic_t& signal) {
-  while (signal == 0 && ros::ok())
+  while (signal == 0 && ros::ok() && !recorder_.status().refused)
     ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.05));
   const bool was_recording = recorder_.status().recording;
   if (ros::ok())
@@ -170,8 +180,7 @@ int RecorderNode::run(const volatile std::sig_atomic_t& signal) {
   std::printf("recorder: %s, %llu messages, %llu bytes, %llu dropped (%s)\n", file_.c_str(),
               static_cast<unsigned long long>(status.messages), static_cast<unsigned long long>(status.bytes),
               static_cast<unsigned long long>(status.dropped), status.stop_reason.c_str());
-  const bool closed = status.stop_reason.find("closing failed") == std::string::npos;
-  return was_recording && closed ? 0 : 1;
+  return was_recording && status.closed && !status.refused ? 0 : 1;
 }
 
 /// What other nodes sent before the signal is still on its way: connections are read by a thread of roscpp's.
@@ -187,18 +196,65 @@ void RecorderNode::takeArrived() {
   }
 }
 
-void RecorderNode::publishStatus() {
+/// With the events that were not told yet.
+RecorderStatus RecorderNode::makeStatus() {
   const BagRecorder::Status status = recorder_.status();
-  RecorderStatus message = progress_;
+  const std::lock_guard<std::mutex> lock(watch_mutex_);
+  tellDrops(status);
+  RecorderStatus message;
   message.header.stamp.fromNSec(ros::WallTime::now().toNSec());
-  message.file = file_;
+  message.session = watch_.progress().session;
+  message.revision = watch_.progress().revision;
+  message.step = watch_.progress().step;
+  message.file = status.file;
+  message.parts = status.parts;
   message.bytes = status.bytes;
   message.free_bytes = status.free_bytes;
   message.messages = status.messages;
   message.dropped = status.dropped;
+  message.lost = watch_.lost();
   message.recording = static_cast<std::uint8_t>(status.recording);
   message.stop_reason = status.stop_reason;
+  message.events = watch_.take();
+  return message;
+}
+
+void RecorderNode::tellDrops(const BagRecorder::Status& status) {
+  if (status.dropped == told_drops_ || !status.recording)
+    return;
+  const std::uint64_t drops = status.dropped - told_drops_;
+  told_drops_ = status.dropped;
+  watch_.tell(RecorderEvent::LOST, "the disk did not keep up: " + std::to_string(drops) + " messages were dropped",
+              ros::WallTime::now(), drops);
+}
+
+void RecorderNode::publishStatus() {
+  const RecorderStatus message = makeStatus();
+  for (const RecorderEvent& event : message.events)
+    ROS_INFO("%s", event.text.c_str());
+  if (message.recording != 0)
+    recorder_.write(node_.resolveName(topics::kRecorderStatus), ros::Time::now(), message);
   status_publisher_.publish(message);
+}
+
+/// In the recorder's thread.
+boost::shared_ptr<AnyMessage> RecorderNode::lastMessage(const std::string& next_file, const std::string& reason) {
+  const bool ends = next_file.empty();
+  {
+    const std::lock_guard<std::mutex> lock(watch_mutex_);
+    watch_.tell(ends ? RecorderEvent::END : RecorderEvent::PART,
+                ends ? "the recording ended: " + reason : "the recording goes on in " + next_file,
+                ros::WallTime::now());
+  }
+  RecorderStatus message = makeStatus();
+  message.recording = static_cast<std::uint8_t>(!ends);
+  message.stop_reason = reason;
+  return anyMessage(message);
+}
+
+std::uint64_t RecorderNode::lostOnTheWay() {
+  const std::lock_guard<std::mutex> lock(watch_mutex_);
+  return watch_.lost();
 }
 
 void RecorderNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& diagnostics) {
@@ -211,11 +267,18 @@ void RecorderNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& diagnos
   } else {
     diagnostics.summary(Level::OK, "recording");
   }
+  const std::uint64_t lost = lostOnTheWay();
+  if (lost > diagnosed_lost_)
+    diagnostics.mergeSummary(Level::WARN, "messages were lost on their way");
+  if (status.split_waits)
+    diagnostics.mergeSummary(Level::WARN, "the file has the size of a part, but no checkpoint came to begin another");
   diagnosed_drops_ = status.dropped;
-  diagnostics.add("file", file_);
+  diagnosed_lost_ = lost;
+  diagnostics.add("file", status.file);
   diagnostics.add("topics", subscribers_.size());
   diagnostics.add("messages", status.messages);
   diagnostics.add("dropped", status.dropped);
+  diagnostics.add("lost on their way", lost);
   diagnostics.add("bytes", status.bytes);
   diagnostics.add("free bytes", status.free_bytes);
 }

@@ -97,6 +97,8 @@ class Run {
       applyInputs();
       session_.step();
       publishStep();
+      if (settings_.recorded)
+        settings_.recorded(session_.steps());
     }
     publishJournal();
     return checkpoint();

@@ -22,6 +22,7 @@ struct RunSettings {
   std::optional<SimulationCheckpoint> restore = {};  ///< the run continues from here
   bool grips = false;   ///< jaws hold and lift tissue from step 250 to 340, and the integrator changes at 260 and 350
   bool deltas = false;  ///< of the topology, although the grid is small
+  std::function<void(std::uint64_t step)> recorded = {};  ///< called after each step
 };
 
 /// Runs a session and records it as the nodes do. Returns the checkpoint at its end.

@@ -5,20 +5,26 @@
 #include <topic_tools/shape_shifter.h>
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
 namespace soft_volume {
+
+/// A message of any type, serialised, as the recorder takes it.
+using AnyMessage = topic_tools::ShapeShifter;
 
 struct BagRecorderSettings {
   std::string file;                                        ///< written as FILE.active until it is closed
   bool compress = true;                                    ///< lz4
   std::uint64_t queue_bytes = std::uint64_t(256) << 20;    ///< most that waits for the disk; more is dropped, counted
   std::uint64_t reserve_bytes = std::uint64_t(256) << 20;  ///< recording stops when less is free on the disk
+  std::uint64_t split_bytes = 0;  ///< a file of this size is closed and the next part begun; 0: one file
+  /// Makes the last message of every file, for `last_topic`; may be empty. `next_file` is where the recording goes on,
+  /// or `reason` why it ends. Called by the recorder's own thread.
+  std::function<boost::shared_ptr<AnyMessage>(const std::string& next_file, const std::string& reason)> last_message;
+  std::string last_topic;
 };
-
-/// A message of any type, serialised, as the recorder takes it.
-using AnyMessage = topic_tools::ShapeShifter;
 
 /// Serialises a message for the recorder.
 template <typename Message>
@@ -38,20 +44,32 @@ boost::shared_ptr<AnyMessage> anyMessage(const Message& message) {
 ///   counted; latched messages never are.
 /// - A chunk is closed at least every half second and handed to the kernel, so after a SIGKILL `rosbag reindex` of
 ///   FILE.active brings back all but the last second.
-/// - It stops by itself, with the bag closed properly, when the disk is nearly full or a write fails.
+/// - It stops by itself when the disk is nearly full or a write fails, with the bag closed properly where that is still
+///   possible; else FILE.active can be indexed.
 /// - close() writes what is queued and renames FILE.active to FILE, replacing a former FILE. A FILE.active that a
 ///   killed recorder left behind is kept as FILE.interrupted (.2, .3, ...).
+///
+/// With `split_bytes` the files are called NAME_0.bag, NAME_1.bag and so on, beginning beyond those that are there.
+/// Each is complete in itself: it begins with everything latched, the topology, the newest checkpoint and what followed
+/// it (which the part before holds, too), so it replays alone. A part begins when that can be had: parts grow beyond
+/// the size while a run begins, and always hold as much again as they begin with. A size below what is latched stops
+/// the recording, with the size needed.
 ///
 /// write() and status() may be called from any thread.
 class BagRecorder {
  public:
   struct Status {
-    std::uint64_t bytes = 0;       ///< size of the file
-    std::uint64_t free_bytes = 0;  ///< free space beside it
+    std::string file;              ///< being written, or written last
+    std::uint32_t parts = 0;       ///< closed before it
+    std::uint64_t bytes = 0;       ///< size of all files
+    std::uint64_t free_bytes = 0;  ///< free space beside them
     std::uint64_t messages = 0;    ///< written
     std::uint64_t dropped = 0;     ///< lost because the disk did not keep up or recording had stopped
     bool recording = false;
-    std::string stop_reason;  ///< why it stopped; empty while it records
+    bool split_waits = false;  ///< the file has the size of a part, but another cannot begin yet
+    bool refused = false;      ///< it stopped because the settings cannot be met
+    bool closed = false;       ///< the last file was closed properly
+    std::string stop_reason;   ///< why it stopped; empty while it records
   };
 
   /// Opens FILE.active. Throws core::FileError when it cannot be written, another recorder writes it, or the disk has
