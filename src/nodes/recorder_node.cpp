@@ -5,6 +5,7 @@
 #include <csignal>
 #include <exception>
 
+#include "soft_volume/ros/master_watch.h"
 #include "soft_volume/ros/run_node.h"
 
 namespace {
@@ -38,6 +39,7 @@ int main(int argc, char** argv) {
   std::signal(SIGTERM, remember);
   // With its last handle ROS shuts down, and the reason for a failed start would not be logged.
   const ros::NodeHandle keep_alive;
+  const soft_volume::MasterWatch watch;
   try {
     soft_volume::RecorderNode node(keep_alive, ros::NodeHandle("~"));
     return node.run(received_signal);

@@ -6,6 +6,7 @@ Nothing here depends on how fast the machine is: tests wait for conditions, with
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import tempfile
 import threading
@@ -365,6 +366,41 @@ class Simulation:
       for parent in parents:
         target = target[int(parent)] if parent.isdigit() else getattr(target, parent)
       setattr(target, field, value)
+
+
+class Master:
+  """A master of the test's own, which can be killed and started again at the same address."""
+
+  def __init__(self):
+    self._port = free_port()
+    self.uri = 'http://127.0.0.1:%d' % self._port
+    self.start()
+
+  def start(self):
+    environment = dict(os.environ, ROS_MASTER_URI=self.uri)
+    self._process = subprocess.Popen(
+        dying_with_us('TERM') + ['rosmaster', '--core', '-p', str(self._port)], stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL, env=environment)
+    wait_until(lambda: rosgraph.is_master_online(self.uri), 'master')
+
+  def kill(self):
+    self._process.kill()
+    self._process.wait()
+
+  def registrations(self, nodes):
+    """Triples of a kind, a topic or service, and a node, for the nodes of these names."""
+    state = rosgraph.Master('/test', self.uri).getSystemState()
+    return {(kind, name, node) for kind, entries in enumerate(state) for name, having in entries for node in having
+            if node.strip('/') in nodes}
+
+
+def free_port():
+  with socket.socket() as probe:
+    probe.bind(('127.0.0.1', 0))
+    return probe.getsockname()[1]
+
+
+master = None  # one of the test's own, where it has to restart it; the module of the tests is not that of the program
 
 
 def run(name, simulated_time=False):

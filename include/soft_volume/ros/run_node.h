@@ -8,6 +8,8 @@
 #include <cstring>
 #include <exception>
 
+#include "soft_volume/ros/master_watch.h"
+
 namespace soft_volume {
 
 /// Prints `help` and returns true when an argument asks for it. A node would otherwise wait for a master instead.
@@ -50,6 +52,7 @@ int runNode(int argc, char** argv, const char* name, const char* help) {
   // When the last handle goes, ROS shuts down and nothing is logged any more: the reason below needs these two.
   const ros::NodeHandle public_handle;
   const ros::NodeHandle private_handle("~");
+  const MasterWatch watch;
   try {
     Node node(public_handle, private_handle);
     spinUntilStopped();

@@ -1,0 +1,147 @@
+#include "graph_api.h"
+
+#include <ros/connection_manager.h>
+#include <ros/master.h>
+#include <ros/network.h>
+#include <ros/this_node.h>
+#include <ros/xmlrpc_manager.h>
+#include <xmlrpcpp/XmlRpcException.h>
+
+#include <utility>
+
+namespace soft_volume {
+namespace {
+
+using XmlRpc::XmlRpcValue;
+
+constexpr double kLimit_s = 1.0;
+
+const std::string& ownUri() {
+  return ros::XMLRPCManager::instance()->getServerURI();
+}
+
+template <typename... Texts>
+XmlRpcValue arguments(const Texts&... texts) {
+  XmlRpcValue list;
+  int n = 0;
+  list[n++] = ros::this_node::getName();
+  ((list[n++] = texts), ...);
+  return list;
+}
+
+/// Through the loopback device: the address that others use may be gone with the network.
+std::optional<XmlRpcValue> callOwn(const char* function, const XmlRpcValue& list) {
+  return callApi({"127.0.0.1", addressOf(ownUri()).port}, function, list, kLimit_s);
+}
+
+std::optional<XmlRpcValue> callMaster(const char* function, const XmlRpcValue& list) {
+  return callApi({ros::master::getHost(), static_cast<int>(ros::master::getPort())}, function, list, kLimit_s);
+}
+
+std::map<std::string, std::string> topicTypes(std::optional<XmlRpcValue> list) {
+  std::map<std::string, std::string> types;
+  for (int n = 0; list && n < list->size(); ++n)
+    types.emplace(std::string((*list)[n][0]), std::string((*list)[n][1]));
+  return types;
+}
+
+/// Of a list [[name, [node...]]...], the names that have this node.
+std::set<std::string> namesWithThisNode(XmlRpcValue& list) {
+  std::set<std::string> names;
+  for (int n = 0; n < list.size(); ++n) {
+    for (int node = 0; node < list[n][1].size(); ++node) {
+      if (std::string(list[n][1][node]) == ros::this_node::getName())
+        names.insert(std::string(list[n][0]));
+    }
+  }
+  return names;
+}
+
+std::map<std::string, std::string> withoutTypes(const std::set<std::string>& topics) {
+  std::map<std::string, std::string> types;
+  for (const std::string& topic : topics)
+    types.emplace(topic, "");
+  return types;
+}
+
+}  // namespace
+
+XmlRpcServerAddress addressOf(const std::string& uri) {
+  XmlRpcServerAddress address;
+  std::uint32_t port = 0;
+  if (ros::network::splitURI(uri, address.host, port))
+    address.port = static_cast<int>(port);
+  return address;
+}
+
+Registrations own_api::registrations() {
+  Registrations own;
+  own.publications = topicTypes(callOwn("getPublications", arguments()));
+  own.subscriptions = topicTypes(callOwn("getSubscriptions", arguments()));
+  return own;
+}
+
+std::vector<PublisherLink> own_api::links() {
+  std::vector<PublisherLink> links;
+  auto list = callOwn("getBusInfo", arguments());
+  for (int n = 0; list && n < list->size(); ++n) {
+    // [id, peer, direction, transport, topic...]; the peer of an incoming connection is an URI.
+    XmlRpcValue& entry = (*list)[n];
+    if (std::string(entry[2]) == "i" && std::string(entry[1]) != ownUri())
+      links.push_back({std::string(entry[4]), std::string(entry[1])});
+  }
+  return links;
+}
+
+void own_api::updatePublishers(const std::string& topic, const std::set<std::string>& publisher_uris) {
+  XmlRpcValue list;
+  list.setSize(0);
+  for (const std::string& uri : publisher_uris)
+    list[list.size()] = uri;
+  XmlRpcValue all = arguments(topic);
+  all[2] = list;
+  callOwn("publisherUpdate", all);
+}
+
+std::optional<Registrations> master_api::registrations() {
+  auto state = callMaster("getSystemState", arguments());
+  if (!state || state->size() != 3)
+    return std::nullopt;
+  Registrations known;
+  known.publications = withoutTypes(namesWithThisNode((*state)[0]));
+  known.subscriptions = withoutTypes(namesWithThisNode((*state)[1]));
+  known.services = namesWithThisNode((*state)[2]);
+  return known;
+}
+
+bool master_api::registerPublisher(const std::string& topic, const std::string& type) {
+  return callMaster("registerPublisher", arguments(topic, type, ownUri())).has_value();
+}
+
+std::optional<std::set<std::string>> master_api::registerSubscriber(const std::string& topic, const std::string& type) {
+  auto list = callMaster("registerSubscriber", arguments(topic, type, ownUri()));
+  if (!list)
+    return std::nullopt;
+  std::set<std::string> uris;
+  for (int n = 0; n < list->size(); ++n)
+    uris.insert(std::string((*list)[n]));
+  return uris;
+}
+
+bool master_api::registerService(const std::string& service) {
+  const std::string api =
+      "rosrpc://" + ros::network::getHost() + ":" + std::to_string(ros::ConnectionManager::instance()->getTCPPort());
+  return callMaster("registerService", arguments(service, api, ownUri())).has_value();
+}
+
+std::optional<XmlRpcValue> master_api::parameter(const std::string& name) {
+  return callMaster("getParam", arguments(name));
+}
+
+bool master_api::setParameter(const std::string& name, const XmlRpcValue& value) {
+  XmlRpcValue list = arguments(name);
+  list[2] = value;
+  return callMaster("setParam", list).has_value();
+}
+
+}  // namespace soft_volume

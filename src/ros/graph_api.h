@@ -1,0 +1,55 @@
+#pragma once
+
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "xmlrpc_call.h"
+
+namespace soft_volume {
+
+/// What a process takes part in: topics with their types, and services.
+struct Registrations {
+  std::map<std::string, std::string> publications;
+  std::map<std::string, std::string> subscriptions;
+  std::set<std::string> services;
+
+  bool empty() const { return publications.empty() && subscriptions.empty() && services.empty(); }
+  std::size_t size() const { return publications.size() + subscriptions.size() + services.size(); }
+};
+
+/// A connection of this process to a publisher.
+struct PublisherLink {
+  std::string topic;
+  std::string publisher_uri;  ///< XML-RPC, as the master lists it
+};
+
+/// This process as others see it through its API. All calls end within a second; what cannot be had is empty.
+namespace own_api {
+/// Topics only: roscpp does not tell services.
+Registrations registrations();
+std::vector<PublisherLink> links();
+/// Connects to these publishers of a topic and drops the connections to all others.
+void updatePublishers(const std::string& topic, const std::set<std::string>& publisher_uris);
+}  // namespace own_api
+
+/// The master's side. All calls end within a second; null or false: it could not be asked.
+namespace master_api {
+/// What it knows of this process.
+std::optional<Registrations> registrations();
+bool registerPublisher(const std::string& topic, const std::string& type);
+/// The publishers' XML-RPC URIs.
+std::optional<std::set<std::string>> registerSubscriber(const std::string& topic, const std::string& type);
+bool registerService(const std::string& service);
+/// Null where it is not set, too.
+std::optional<XmlRpc::XmlRpcValue> parameter(const std::string& name);
+bool setParameter(const std::string& name, const XmlRpc::XmlRpcValue& value);
+}  // namespace master_api
+
+XmlRpcServerAddress addressOf(const std::string& uri);
+
+}  // namespace soft_volume
