@@ -466,13 +466,38 @@ class RunComparison {
   std::uint64_t interpolated_ = 0;
 };
 
-std::vector<const RecordedRun*> runsWithStates(const RecordedBag& bag) {
-  std::vector<const RecordedRun*> runs;
+using Runs = std::vector<const RecordedRun*>;
+
+Runs runsWithStates(const RecordedBag& bag) {
+  Runs runs;
   for (std::size_t n = 0; n < bag.size(); ++n) {
     if (!bag.run(n).states().empty())
       runs.push_back(&bag.run(n));
   }
+  if (runs.empty())
+    throw ReplayError(bag.path() + ": the bag holds no states: there is nothing to compare");
   return runs;
+}
+
+/// The sessions in their order. A bag with a single one, as a resimulation writes it, is held against the longest one
+/// of the other.
+void pairRuns(const RecordedBag& first, const RecordedBag& second, Runs& first_runs, Runs& second_runs,
+              Comparison& comparison) {
+  const std::size_t in_first = first_runs.size();
+  const std::size_t in_second = second_runs.size();
+  if (in_first == in_second)
+    return;
+  const bool one = std::min(in_first, in_second) == 1;
+  if (one) {
+    first_runs = {&first.longest()};
+    second_runs = {&second.longest()};
+  }
+  const std::size_t count = std::min(first_runs.size(), second_runs.size());
+  first_runs.resize(count);
+  second_runs.resize(count);
+  comparison.notes.push_back("the first bag holds " + std::to_string(in_first) + " sessions, the second " +
+                             std::to_string(in_second) + ": only the " +
+                             (one ? std::string("longest") : "first " + std::to_string(count)) + " compared");
 }
 
 }  // namespace
@@ -488,16 +513,10 @@ Comparison compareBags(const RecordedBag& first, const RecordedBag& second, cons
   Comparison comparison;
   comparison.first = first.path();
   comparison.second = second.path();
-  const auto first_runs = runsWithStates(first);
-  const auto second_runs = runsWithStates(second);
-  const std::size_t count = std::min(first_runs.size(), second_runs.size());
-  if (count == 0)
-    throw ReplayError("a bag holds no states: there is nothing to compare");
-  if (first_runs.size() != second_runs.size()) {
-    comparison.notes.push_back("the first bag holds " + std::to_string(first_runs.size()) + " sessions, the second " +
-                               std::to_string(second_runs.size()) + ": only the first " + std::to_string(count) +
-                               " are compared");
-  }
+  Runs first_runs = runsWithStates(first);
+  Runs second_runs = runsWithStates(second);
+  pairRuns(first, second, first_runs, second_runs, comparison);
+  const std::size_t count = first_runs.size();
   double total = 0.0;
   for (std::size_t n = 0; n < count; ++n)
     total += static_cast<double>(first_runs[n]->states().size()) +
@@ -509,8 +528,11 @@ Comparison compareBags(const RecordedBag& first, const RecordedBag& second, cons
     }).compare();
   }
   for (const RecordedBag* bag : {&first, &second}) {
-    for (const std::string& note : bag->notes())
-      comparison.notes.push_back(bag->path() + ": " + note);
+    for (const std::string& note : bag->notes()) {
+      const std::string text = bag->path() + ": " + note;
+      if (std::find(comparison.notes.begin(), comparison.notes.end(), text) == comparison.notes.end())
+        comparison.notes.push_back(text);
+    }
   }
   return comparison;
 }

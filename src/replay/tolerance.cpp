@@ -162,7 +162,7 @@ Tolerance parseTolerance(const std::string& text) {
   if (text.find('=') == std::string::npos || std::filesystem::is_regular_file(text, error))
     return readFile(text);
   Tolerance tolerance;
-  std::istringstream limits(text);
+  std::istringstream limits(text + ",");
   for (std::string limit; std::getline(limits, limit, ',');) {
     const std::size_t equals = limit.find('=');
     if (equals == std::string::npos)

@@ -39,7 +39,7 @@ std::shared_ptr<const core::Volume> ball() {
   }));
 }
 
-core::Scene scene() {
+core::Scene scene(const RunSettings& settings) {
   core::Scene scene;
   scene.name = "ball";
   scene.volume.file = "ball.mha";
@@ -65,6 +65,8 @@ core::Scene scene() {
   scene.tools = {probe};
   core::WayPoint rest;
   scene.device.way_points = {rest};
+  if (settings.change)
+    settings.change(scene);
   // As a node gets it: from text.
   return core::parseScene(core::writeScene(scene), "test", ".");
 }
@@ -75,7 +77,7 @@ class Run {
   Run(BagRecorder& recorder, const RunSettings& settings)
       : recorder_(recorder),
         settings_(settings),
-        session_(scene(), ball(), nullptr, settings.session, 1),
+        session_(scene(settings), ball(), nullptr, settings.session, 1),
         journal_(session_),
         topologies_(settings.deltas ? 0 : TopologyEncoder::kDeltaFromBytes) {
     renderer_.setVolume(session_.volume());
@@ -148,7 +150,7 @@ class Run {
       bad.force.x = std::numeric_limits<double>::quiet_NaN();
       give(topics::kToolForce, bad);
     }
-    if (step == kCutStep)
+    if (step == kCutStep && settings_.cuts)
       give(topics::kToolCut, cut());
     if (settings_.grips)
       applyGripsAndIntegrators(step);
@@ -197,8 +199,10 @@ class Run {
       publishJournal();
     if (step % kStateEvery == 0)
       publishState(step % kKeyFrameEvery == 0);
-    if (step % 100 == 0)
+    if (step % 100 == 0) {
       publishCheckpoint();
+      publish(topics::kSimulationStats, statsMessage(session_));
+    }
     if (step % 100 == 60)
       publishFrame();
   }

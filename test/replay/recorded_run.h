@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "soft_volume/replay/bag_recorder.h"
+#include "soft_volume/scene/scene.h"
 
 namespace soft_volume {
 
@@ -23,6 +24,8 @@ struct RunSettings {
   bool grips = false;   ///< jaws hold and lift tissue from step 250 to 340, and the integrator changes at 260 and 350
   bool deltas = false;  ///< of the topology, although the grid is small
   std::function<void(std::uint64_t step)> recorded = {};  ///< called after each step
+  bool cuts = true;
+  std::function<void(core::Scene&)> change = {};  ///< of the scene
 };
 
 /// Runs a session and records it as the nodes do. Returns the checkpoint at its end.
