@@ -9,6 +9,7 @@ Makes a CRTK device of a driver that speaks omni_msgs, with the topics of the de
 is of a device that needs no adapter.
 
   _device:=FILE             device file, as those in config/devices; required
+  _stay:=true               do not leave, for launch files that start again what has ended (false)
 )";
 
 }  // namespace

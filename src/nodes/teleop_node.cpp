@@ -12,6 +12,7 @@ Makes a device of a 6-axis mouse (sensor_msgs/Joy) or of the keys of this termin
 Leaves at once when the file is of another device.
 
   _device:=FILE             device file, config/devices/spacenav.yaml or keyboard.yaml; required
+  _stay:=true               do not leave, for launch files that start again what has ended (false)
 
 Keys:
 )";

@@ -36,7 +36,8 @@ AdapterNode::AdapterNode(const ros::NodeHandle& node, const ros::NodeHandle& pri
     start();
   } else {
     ROS_INFO("%s does not speak omni_msgs: there is nothing to adapt", profile_.name.c_str());
-    ros::requestShutdown();
+    if (!parameter<bool>(private_node, "stay", false))
+      ros::requestShutdown();
   }
 }
 

@@ -30,7 +30,8 @@ TeleopNode::TeleopNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     start();
   } else {
     ROS_INFO("%s is neither a 6-axis mouse nor a keyboard: there is nothing to do here", profile_.name.c_str());
-    ros::requestShutdown();
+    if (!parameter<bool>(private_node, "stay", false))
+      ros::requestShutdown();
   }
 }
 

@@ -22,7 +22,8 @@ FILES = sorted(glob.glob(os.path.join(FOLDER, "*.launch")))
 GIVEN = {"bag": "/tmp/a folder/with a.bag"}
 DEVICES = sorted(os.path.splitext(os.path.basename(file))[0]
                  for file in glob.glob(os.path.join(FOLDER, os.pardir, "config", "devices", "*.yaml")))
-SWITCHES = {"nodelets": ("true", "false"), "device": DEVICES + ["/a folder/of mine.yaml"], "virtual": ("true", "false")}
+SWITCHES = {"nodelets": ("true", "false"), "device": DEVICES + ["/a folder/of mine.yaml"], "virtual": ("true", "false"),
+            "respawn": ("true", "false")}
 
 
 def arguments_of(file):
@@ -103,6 +104,16 @@ class LaunchFiles(unittest.TestCase):
             config = load(os.path.join(FOLDER, "demo.launch"), [f"virtual:={str(virtual).lower()}"])
             self.assertEqual(config.params["/use_sim_time"].value, virtual)
             self.assertEqual(config.params["/simulation/publish_clock"].value, virtual)
+
+    def test_every_node_is_started_again_where_asked(self):
+        for nodelets in ("true", "false"):
+            for respawn in (True, False):
+                config = load(os.path.join(FOLDER, "demo.launch"),
+                              [f"respawn:={respawn}", f"nodelets:={nodelets}", "device:=omni", "bag:=" + GIVEN["bag"]])
+                with self.subTest(nodelets=nodelets, respawn=respawn):
+                    self.assertEqual({node.respawn for node in config.nodes}, {respawn})
+                    self.assertEqual(bool(config.params["/simulation/resume_file"].value), respawn)
+                    self.assertEqual(config.params["/adapter/stay"].value, respawn)
 
     def test_recording_needs_a_file(self):
         with self.assertRaises(roslaunch.core.RLException):

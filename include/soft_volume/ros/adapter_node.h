@@ -21,7 +21,8 @@ namespace soft_volume {
 /// Such a driver holds a force until the next one comes. When servo_cf falls silent for 20 ms, the force is therefore
 /// taken to zero, within 25 ms.
 ///
-/// Private parameters: ~device (device file; required). Leaves at once when the file's style is not omni.
+/// Private parameters: ~device (device file; required), ~stay (false). Leaves at once when the file's style is not omni,
+/// unless it is to stay.
 class AdapterNode {
  public:
   AdapterNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node);

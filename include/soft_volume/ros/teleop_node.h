@@ -20,8 +20,8 @@ namespace soft_volume {
 /// measured_cp and measured_cv at the file's rate, within its speed and workspace. Poses are in its base frame, around
 /// mapping.device_centre_m. A mouse that falls silent for 0.2 s has let go.
 ///
-/// Private parameters: ~device (device file; required). Leaves at once when the file's style is neither joy nor
-/// keyboard.
+/// Private parameters: ~device (device file; required), ~stay (false). Leaves at once when the file's style is neither
+/// joy nor keyboard, unless it is to stay.
 class TeleopNode {
  public:
   TeleopNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node);
