@@ -67,10 +67,8 @@ bool isImage(const rosbag::ConnectionInfo& connection) {
 /// Without its right name a message would be left out in silence.
 bool isOursByDefinition(const rosbag::ConnectionInfo& connection) {
   const auto& types = knownTypes();
-  return std::any_of(types.begin(), types.end(), [&connection](const auto& type) {
-    const bool ours = type.second.list != nullptr || type.second.is_input;
-    return ours && type.second.md5sum == connection.md5sum;
-  });
+  return std::any_of(types.begin(), types.end(),
+                     [&connection](const auto& type) { return type.second.md5sum == connection.md5sum; });
 }
 
 /// Bags of other recorders, and of versions that told less, are read all the same.

@@ -152,6 +152,8 @@ class BagRecorder::Impl {
       while (takeBatch())
         writeBatch();
       reason = close_reason_;
+    } catch (const rosbag::BagException& error) {
+      reason = bag_->activePath() + ": cannot be written (" + error.what() + "); is the disk full?";
     } catch (const std::exception& error) {
       reason = error.what();
     }
@@ -264,8 +266,8 @@ class BagRecorder::Impl {
       }
     } catch (const std::exception& error) {
       bag_->abandon();
-      return "; closing failed: " + std::string(error.what()) + " (`rosbag reindex '" + bag_->activePath() +
-             "'` saves what was written)";
+      return "; closing failed: " + std::string(error.what()) + " (with some space, `rosbag reindex -f '" +
+             bag_->activePath() + "'` saves what was written)";
     }
     const std::lock_guard<std::mutex> lock(mutex_);
     status_.closed = true;

@@ -9,6 +9,7 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/messages/conversions.h"
+#include "soft_volume/ros/checked_subscription.h"
 #include "soft_volume/ros/parameters.h"
 
 namespace soft_volume {
@@ -55,7 +56,9 @@ void AdapterNode::start() {
   state_subscriber_ = node_.subscribe(profile_.omni.state, 10, &AdapterNode::hearState, this, hints);
   button_subscriber_ = node_.subscribe(profile_.omni.button, 100, &AdapterNode::hearButtons, this, hints);
   if (!profile_.topics.servo_cf.empty()) {
-    servo_subscriber_ = node_.subscribe(profile_.topics.servo_cf, 1, &AdapterNode::hearServo, this, hints);
+    servo_subscriber_ = subscribeChecked<geometry_msgs::WrenchStamped>(
+        node_, profile_.topics.servo_cf, 1, [this](const geometry_msgs::WrenchStamped::ConstPtr& m) { hearServo(*m); },
+        incidents_);
     watch_timer_ =
         node_.createWallTimer(ros::WallDuration(kWatchInterval_s), [this](const ros::WallTimerEvent&) { watch(); });
   }

@@ -224,11 +224,13 @@ std::shared_ptr<RendererNode::CameraChannel> RendererNode::openCamera(const core
       node_.advertise<sensor_msgs::CompressedImage>(settings.name + "/image_raw/compressed", 100, info_joined);
   channel->depth = node_.advertise<sensor_msgs::Image>(settings.name + "/depth", 100, info_joined);
   channel->labels = node_.advertise<sensor_msgs::Image>(settings.name + "/labels", 100, info_joined);
-  channel->view = node_.subscribe<geometry_msgs::PoseStamped>(
-      settings.name + "/view", 10, [this, weak](const geometry_msgs::PoseStamped::ConstPtr& m) {
+  channel->view = subscribeChecked<geometry_msgs::PoseStamped>(
+      node_, settings.name + "/view", 10,
+      [this, weak](const geometry_msgs::PoseStamped::ConstPtr& m) {
         if (const auto c = weak.lock())
           hearView(c, *m);
-      });
+      },
+      incidents_);
   return channel;
 }
 

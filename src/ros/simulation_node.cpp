@@ -245,16 +245,15 @@ void SimulationNode::advertise() {
 }
 
 void SimulationNode::subscribe() {
-  const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   subscribers_ = {
-      node_.subscribe<ToolForce>(
-          topics::kToolForce, 1000, [this](const ToolForce::ConstPtr& m) { queueInput(m); }, nullptr, hints),
+      subscribeChecked<ToolForce>(
+          node_, topics::kToolForce, 1000, [this](const ToolForce::ConstPtr& m) { queueInput(m); }, incidents_),
       subscribeChecked<ToolCut>(
           node_, topics::kToolCut, 1000, [this](const ToolCut::ConstPtr& m) { queueInput(m); }, incidents_),
-      node_.subscribe<ToolGrip>(
-          topics::kToolGrip, 1000, [this](const ToolGrip::ConstPtr& m) { queueInput(m); }, nullptr, hints),
-      node_.subscribe<ToolState>(
-          topics::kToolState, 100, [this](const ToolState::ConstPtr& m) { hearTool(m); }, nullptr, hints)};
+      subscribeChecked<ToolGrip>(
+          node_, topics::kToolGrip, 1000, [this](const ToolGrip::ConstPtr& m) { queueInput(m); }, incidents_),
+      subscribeChecked<ToolState>(
+          node_, topics::kToolState, 100, [this](const ToolState::ConstPtr& m) { hearTool(m); }, incidents_)};
 }
 
 void SimulationNode::queueInput(Input input) {

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "soft_volume/messages/conversions.h"
+#include "soft_volume/ros/checked_subscription.h"
 #include "soft_volume/ros/parameters.h"
 
 namespace soft_volume {
@@ -44,7 +45,8 @@ TeleopNode::~TeleopNode() {
 void TeleopNode::start() {
   pose_publisher_ = PosePublisher(node_, profile_.topics, 100);
   if (profile_.style == core::DeviceStyle::kJoy) {
-    joy_subscriber_ = node_.subscribe(profile_.teleop.joy, 10, &TeleopNode::hearJoy, this);
+    joy_subscriber_ = subscribeChecked<sensor_msgs::Joy>(
+        node_, profile_.teleop.joy, 10, [this](const sensor_msgs::Joy::ConstPtr& m) { hearJoy(*m); }, incidents_);
   } else {
     terminal_.emplace();
     if (!profile_.topics.buttons.empty())

@@ -115,7 +115,6 @@ void ToolNode::advertise() {
 }
 
 void ToolNode::subscribe() {
-  const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   const core::DeviceTopics device = topicsOf(profile_);
   subscribers_ = {
       subscribeChecked<Scene>(
@@ -126,9 +125,13 @@ void ToolNode::subscribe() {
           node_, topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, incidents_),
       subscribeChecked<GridPatch>(
           node_, topics::kPatch, 2, [this](const GridPatch::ConstPtr& m) { hearPatch(m); }, incidents_)};
-  subscribers_.push_back(device_handle_.subscribe(device.measured_cp, 100, &ToolNode::hearPose, this, hints));
+  subscribers_.push_back(subscribeChecked<geometry_msgs::PoseStamped>(
+      device_handle_, device.measured_cp, 100, [this](const geometry_msgs::PoseStamped::ConstPtr& m) { hearPose(m); },
+      incidents_));
   if (!device.measured_cv.empty())
-    subscribers_.push_back(device_handle_.subscribe(device.measured_cv, 100, &ToolNode::hearVelocity, this, hints));
+    subscribers_.push_back(subscribeChecked<geometry_msgs::TwistStamped>(
+        device_handle_, device.measured_cv, 100,
+        [this](const geometry_msgs::TwistStamped::ConstPtr& m) { hearVelocity(m); }, incidents_));
   reset_service_ = node_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
         loop_->reset();

@@ -16,6 +16,7 @@
 
 #include "soft_volume/common/error.h"
 #include "soft_volume/messages/conversions.h"
+#include "soft_volume/ros/checked_subscription.h"
 #include "soft_volume/ros/driver_messages.h"
 #include "soft_volume/ros/pose_publisher.h"
 
@@ -47,8 +48,9 @@ class CrtkDriver : public VirtualDriver {
                                        : node_.advertise<sensor_msgs::Joy>(source.topic, 1000, !every_tick));
     }
     if (!topics.servo_cf.empty()) {
-      servo_subscriber_ =
-          node_.subscribe(topics.servo_cf, 10, &CrtkDriver::hearServo, this, ros::TransportHints().tcpNoDelay());
+      servo_subscriber_ = subscribeChecked<geometry_msgs::WrenchStamped>(
+          node_, topics.servo_cf, 10, [this](const geometry_msgs::WrenchStamped::ConstPtr& m) { hearServo(*m); },
+          *incidents_);
     }
     if (!topics.operating_state.empty())
       openState();
