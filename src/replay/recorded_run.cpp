@@ -262,17 +262,21 @@ double RecordedRun::timeOfStep(std::uint64_t step) const {
   return low->time_s + dt_s * (static_cast<double>(step) - static_cast<double>(low->step));
 }
 
-void RecordedRun::forEach(const std::string& type, const std::string& md5sum, const Take& take) const {
+void RecordedBag::forEach(const std::string& type, const std::string& md5sum, const Take& take) const {
   try {
-    const bool same_version = bag_->contents_->visit(type, md5sum, [&](const rosbag::MessageInstance& instance) {
-      take(instance.getTopic(), instance.getTime(), bag_->contents_->bytes(instance));
+    const bool same_version = contents_->visit(type, md5sum, [&](const rosbag::MessageInstance& instance) {
+      take(instance.getTopic(), instance.getTime(), contents_->bytes(instance));
     });
     const std::string note = "messages of type " + type + " are of another version and were left out";
-    if (!same_version && std::find(bag_->notes_.begin(), bag_->notes_.end(), note) == bag_->notes_.end())
-      bag_->notes_.push_back(note);
+    if (!same_version && std::find(notes_.begin(), notes_.end(), note) == notes_.end())
+      notes_.push_back(note);
   } catch (const ros::Exception& error) {
-    throw ReplayError(bag_->path() + ": the bag is damaged: " + error.what());
+    throw ReplayError(path_ + ": the bag is damaged: " + error.what());
   }
+}
+
+const std::vector<RecorderEvent>& RecordedBag::events() const {
+  return contents_->events();
 }
 
 RecordedBag::RecordedBag(const std::string& path) : path_(path), contents_(std::make_unique<BagContents>(path)) {

@@ -2,6 +2,7 @@
 
 #include <ros/message_traits.h>
 #include <ros/time.h>
+#include <soft_volume/RecorderEvent.h>
 #include <soft_volume/RenderStats.h>
 #include <soft_volume/Scene.h>
 #include <soft_volume/SimulationJournal.h>
@@ -115,8 +116,6 @@ class RecordedRun {
   friend class RecordedBag;
   RecordedRun(const RecordedBag& bag, const SessionMessages& messages);
 
-  using Take = std::function<void(const std::string& topic, const ros::Time& receipt, std::vector<std::uint8_t> bytes)>;
-  void forEach(const std::string& type, const std::string& md5sum, const Take& take) const;
   bool isMine(std::uint64_t session) const;
   void readStates();
   void readFrames();
@@ -155,9 +154,17 @@ class RecordedBag {
   const RecordedRun& longest() const;
   /// What could not be read and why.
   const std::vector<std::string>& notes() const { return notes_; }
+  /// What the recorder saw happen, in the order of time.
+  const std::vector<RecorderEvent>& events() const;
+  /// All messages of a type, whatever session they belong to, in the order of the recording.
+  template <typename Message>
+  std::vector<RecordedMessage<Message>> messages() const;
 
  private:
   friend class RecordedRun;
+  using Take = std::function<void(const std::string& topic, const ros::Time& receipt, std::vector<std::uint8_t> bytes)>;
+  void forEach(const std::string& type, const std::string& md5sum, const Take& take) const;
+
   std::string path_;
   std::unique_ptr<BagContents> contents_;
   std::vector<std::unique_ptr<RecordedRun>> runs_;
@@ -172,19 +179,29 @@ struct HasSession<Message, std::void_t<decltype(std::declval<Message>().session)
 }  // namespace recorded_run_detail
 
 template <typename Message>
-std::vector<RecordedMessage<Message>> RecordedRun::messages() const {
+std::vector<RecordedMessage<Message>> RecordedBag::messages() const {
   std::vector<RecordedMessage<Message>> all;
   forEach(ros::message_traits::datatype<Message>(), ros::message_traits::md5sum<Message>(),
           [&](const std::string& topic, const ros::Time& receipt, std::vector<std::uint8_t> bytes) {
-            Message message = parseMessage<Message>(std::move(bytes));
-            if constexpr (recorded_run_detail::HasSession<Message>::value) {
-              if (!isMine(message.session))
-                return;
-            } else if (receipt < begin_ || receipt >= end_) {
-              return;
-            }
-            all.push_back({topic, receipt, std::move(message)});
+            all.push_back({topic, receipt, parseMessage<Message>(std::move(bytes))});
           });
+  return all;
+}
+
+template <typename Message>
+std::vector<RecordedMessage<Message>> RecordedRun::messages() const {
+  std::vector<RecordedMessage<Message>> all;
+  bag_->forEach(ros::message_traits::datatype<Message>(), ros::message_traits::md5sum<Message>(),
+                [&](const std::string& topic, const ros::Time& receipt, std::vector<std::uint8_t> bytes) {
+                  Message message = parseMessage<Message>(std::move(bytes));
+                  if constexpr (recorded_run_detail::HasSession<Message>::value) {
+                    if (!isMine(message.session))
+                      return;
+                  } else if (receipt < begin_ || receipt >= end_) {
+                    return;
+                  }
+                  all.push_back({topic, receipt, std::move(message)});
+                });
   return all;
 }
 

@@ -136,15 +136,6 @@ void addOutput(CLI::App& app, Arguments& a) {
   app.add_flag("--no-progress", a.no_progress, "print no progress");
 }
 
-/// Parts that this version lacks.
-void refuseMissing(const Arguments& a) {
-  const auto refuse = [](bool given, const char* option) {
-    if (given)
-      throw ReplayError(std::string(option) + ": this version cannot do that yet");
-  };
-  refuse(!a.report.empty(), "--report");
-}
-
 /// Options without which the program has nothing to do.
 bool hasWork(const Arguments& a) {
   return a.check || !a.against.empty() || a.resimulate || !a.frames_dir.empty() || !a.render.dir.empty() ||
@@ -156,7 +147,6 @@ void checkArguments(const Arguments& a) {
     throw ReplayError("say what to do: --check, --against OTHER.bag, --frames DIR, or several");
   if (!a.tolerance.empty() && !a.check && a.against.empty() && !a.resimulate)
     throw ReplayError("--tolerance judges what --check or --against finds; say one of these");
-  refuseMissing(a);
   if (!a.tolerance.empty())
     parseTolerance(a.tolerance);
 }

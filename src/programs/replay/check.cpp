@@ -5,6 +5,7 @@
 #include "findings.h"
 #include "folders.h"
 #include "progress_bar.h"
+#include "report_frames.h"
 
 namespace soft_volume::replay_program {
 namespace {
@@ -69,10 +70,17 @@ void check(const Arguments& arguments, Findings& findings) {
   options.measure = arguments.check && !arguments.tolerance.empty();
   options.frames_dir = arguments.frames_dir;
   options.threads = arguments.threads;
+  std::optional<ReplayedFrames> frames;
+  if (arguments.check && !arguments.report.empty()) {
+    frames.emplace(RecordedBag(arguments.bag));
+    options.on_frame = [&frames](const ReplayedFrame& frame) { frames->add(frame); };
+  }
   core::ProgressBar bar(arguments.no_progress);
   findings.check.emplace();
   replayBag(
       arguments.bag, options, [&bar](double done, double total) { bar.update(done, total); }, *findings.check);
+  if (frames)
+    findings.replayed_frames = frames->take();
 }
 
 void printCheck(const Arguments& arguments, const Findings& findings) {

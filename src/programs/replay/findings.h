@@ -23,6 +23,16 @@ struct DrawnFrame {
   std::optional<core::ImageDifference> difference;  ///< from the recorded frame, where there is one of this size
 };
 
+/// A recorded frame beside another one of the same moment, as a report shows them.
+struct FrameTriplet {
+  std::string caption;
+  std::string first_name;
+  std::string second_name;
+  core::Image first;
+  core::Image second;  ///< empty where there is none
+  std::optional<core::ImageDifference> difference;
+};
+
 /// What the parts of the program did and found, for its output, its report and its exit code.
 struct Findings {
   std::optional<ReplayReport> check;  ///< as far as it came
@@ -30,8 +40,9 @@ struct Findings {
   std::optional<Comparison> comparison;  ///< of --against, or of what --resimulate wrote with what was recorded
   std::vector<Judgement> judgements;     ///< of the check and the comparison
   std::vector<DrawnFrame> drawn;
-  std::vector<std::string> notes;  ///< of the other parts, for the output
-  std::string error;               ///< why something could not be done; empty when all was
+  std::vector<FrameTriplet> replayed_frames;  ///< of the check, for the report
+  std::vector<std::string> notes;             ///< of the other parts, for the output
+  std::string error;                          ///< why something could not be done; empty when all was
   double wall_s = 0.0;
 };
 
@@ -57,6 +68,9 @@ void video(const Arguments& arguments, Findings& findings);
 
 /// --export-csv and --export-vtu.
 void exportRun(const Arguments& arguments, Findings& findings);
+
+/// --report, of all that was found.
+void report(const Arguments& arguments, const Findings& findings);
 
 // What was found, on stdout.
 void printCheck(const Arguments& arguments, const Findings& findings);

@@ -116,6 +116,15 @@ int finish(const Arguments& arguments, const Findings& findings) {
   return conclude(arguments, findings);
 }
 
+/// Also of what could not be done.
+void writeReport(const Arguments& arguments, Findings& findings) {
+  try {
+    report(arguments, findings);
+  } catch (const std::exception& failure) {
+    findings.error += (findings.error.empty() ? "" : "; ") + std::string(failure.what());
+  }
+}
+
 int work(const Arguments& arguments) {
   const auto begin = std::chrono::steady_clock::now();
   Findings findings;
@@ -127,6 +136,7 @@ int work(const Arguments& arguments) {
     findings.error = failure.what();
   }
   findings.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  writeReport(arguments, findings);
   return finish(arguments, findings);
 }
 
