@@ -24,8 +24,14 @@ constexpr char kExamples[] =
     "      How far are two recordings apart, and is it too far?\n"
     "  soft_volume_replay demo.bag --resimulate simulation.preset=fast,lattice.spacing_m=0.01 --output fast.bag\n"
     "      The same hand and other settings: how far does the result move, and what does a step cost?\n"
+    "  soft_volume_replay demo.bag --check --report page.html\n"
+    "      What was found as a page with plots and pictures; also with --against, --resimulate, or nothing else.\n"
+    "  soft_volume_replay demo.bag --render side --azimuth 60 --tf ct_bone --every 0.5 --video side.mp4\n"
+    "      The recorded states seen from the side, bones only, every half second, also as a video.\n"
+    "  soft_volume_replay demo.bag --export-vtu paraview --export-csv tables\n"
+    "      The deformed grid for ParaView; forces, poses, inputs and statistics as tables.\n"
     "  soft_volume_replay demo.bag --frames frames\n"
-    "      Only render the recorded frames again, as frames/CAMERA_STEP.png.\n"
+    "      Only compute the recorded frames again, as frames/CAMERA_STEP.png.\n"
     "\n";
 
 constexpr char kFooter[] =
