@@ -83,7 +83,7 @@ std::vector<std::uint8_t> withoutHeader(const std::vector<std::uint8_t>& bytes) 
 }
 
 /// Everything that a replay compares, as rosbag gives it. Left out are receipt times, names of topics, which may be
-/// remapped, and render/stats, whose times nothing can confirm. Read in a child process, because a damaged bag may kill
+/// remapped, and statistics, whose times nothing can confirm. Read in a child process, because a damaged bag may kill
 /// the reader; 0 when it does.
 std::uint64_t contentHash(const std::string& bag) {
   int channel[2];
@@ -95,7 +95,7 @@ std::uint64_t contentHash(const std::string& bag) {
     try {
       std::map<std::string, std::vector<std::uint64_t>> messages;
       rewriteBag(bag, "/dev/null", [&](RawMessage& raw) {
-        if (raw.type != "soft_volume/RenderStats")
+        if (raw.type != "soft_volume/RenderStats" && raw.type != "soft_volume/SimulationStats")
           messages[raw.type].push_back(core::hashVector(withoutHeader(raw.bytes)));
         return false;
       });
