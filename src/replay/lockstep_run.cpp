@@ -185,8 +185,8 @@ void LockstepRun::applyMessage(const Message& message) {
 
 void LockstepRun::applyInputs(std::int64_t time_ns) {
   applyEntries(time_ns);
-  while (const auto input = inputs_.take(time_ns))
-    (*input)();
+  for (const Input& input : inputs_.take(time_ns))
+    input();
 }
 
 void LockstepRun::applyEntries(std::int64_t time_ns) {
@@ -268,7 +268,7 @@ bool LockstepRun::stateIsDue() {
 
 void LockstepRun::publishStep() {
   const std::uint64_t step = session_.steps();
-  if (journal_every_.due(step))
+  if (journal_every_.due(step) || checkpoint_every_.due(step))
     publishJournal();
   const bool key_frame = key_frame_every_.due(step);
   if (key_frame && topologies_.lastWasDelta())

@@ -1,45 +1,42 @@
 #include "soft_volume/ros/device_buttons.h"
 
-#include <algorithm>
-#include <cmath>
+#include <utility>
 
+#include "soft_volume/common/error.h"
 #include "soft_volume/ros/checked_subscription.h"
 
 namespace soft_volume {
 
 DeviceButtons::DeviceButtons(ros::NodeHandle& node, const std::vector<core::ButtonSource>& sources,
-                             IncidentLog& incidents)
-    : incidents_(&incidents) {
+                             IncidentLog& incidents, std::uint32_t queue, Heard heard)
+    : incidents_(&incidents), heard_(std::move(heard)) {
   for (const core::ButtonSource& source : sources) {
-    if (source.closed_below) {
-      subscribers_.push_back(subscribeChecked<sensor_msgs::JointState>(
-          node, source.topic, 10, [this, source](const auto& message) { hearJoint(source, *message); }, incidents));
-    } else {
-      subscribers_.push_back(subscribeChecked<sensor_msgs::Joy>(
-          node, source.topic, 100, [this, source](const auto& message) { hearJoy(source, *message); }, incidents));
-    }
+    if (source.closed_below)
+      subscribe<sensor_msgs::JointState>(node, source, queue);
+    else
+      subscribe<sensor_msgs::Joy>(node, source, queue);
   }
 }
 
-void DeviceButtons::hearJoy(const core::ButtonSource& source, const sensor_msgs::Joy& message) {
-  for (std::uint32_t b = 0; b < source.count; ++b) {
-    const std::size_t index = source.first + b;
-    set(source.as + b, index < message.buttons.size() && message.buttons[index] == 1);
+template <typename Message>
+void DeviceButtons::subscribe(ros::NodeHandle& node, const core::ButtonSource& source, std::uint32_t queue) {
+  const std::size_t topic = subscribers_.size();
+  subscribers_.push_back(subscribeChecked<Message>(
+      node, source.topic, queue, [this, source, topic](const auto& message) { hear(source, topic, *message); },
+      *incidents_));
+}
+
+template <typename Message>
+void DeviceButtons::hear(const core::ButtonSource& source, std::size_t topic, const Message& message) {
+  try {
+    const ButtonChange change = readButtons(source, message);
+    const auto mask = static_cast<std::uint32_t>(change.mask.to_ulong());
+    bits_ = (bits_ & ~mask) | (static_cast<std::uint32_t>(change.pressed.to_ulong()) & mask);
+    if (heard_)
+      heard_(topic, message.header.stamp, change);
+  } catch (const core::InputError& error) {
+    incidents_->report(source.topic, error.what());
   }
-}
-
-void DeviceButtons::hearJoint(const core::ButtonSource& source, const sensor_msgs::JointState& message) {
-  if (message.position.empty() || !std::isfinite(message.position.front()))
-    return incidents_->report(source.topic, "the joint has no position");
-  set(source.as, message.position.front() < *source.closed_below);
-}
-
-void DeviceButtons::set(std::uint32_t button, bool pressed) {
-  const std::uint32_t bit = std::uint32_t(1) << button;
-  if (pressed)
-    bits_ |= bit;
-  else
-    bits_ &= ~bit;
 }
 
 }  // namespace soft_volume

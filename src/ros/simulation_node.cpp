@@ -39,6 +39,12 @@ constexpr std::chrono::milliseconds kToolTimeout(200);
 /// A device delivers at most some thousand inputs a second; more than this at once is a fault, not a hand.
 constexpr std::size_t kMaxQueuedInputs = 100000;
 constexpr std::size_t kMaxLaterInputs = 10000;
+/// Messages that may wait in lockstep, where none may be lost.
+constexpr std::uint32_t kLockstepQueue = 100000;
+/// Waits are cut in pieces, so that services and the end of the node are not held up.
+constexpr std::chrono::milliseconds kPatience(20);
+/// A clock that jumps back by more was started anew.
+constexpr double kClockJump_s = 0.1;
 
 double milliseconds(std::chrono::steady_clock::duration duration) {
   return std::chrono::duration<double, std::milli>(duration).count();
@@ -64,6 +70,14 @@ SimulationNode::SimulationNode(const ros::NodeHandle& node, const ros::NodeHandl
   publish_clock_ = parameter<bool>(private_node_, "publish_clock", false);
   paused_ = parameter<bool>(private_node_, "start_paused", false);
   frame_id_ = parameter<std::string>(private_node_, "frame_id", "volume");
+
+  lockstep_ = parameter<bool>(private_node_, "lockstep", false);
+  lockstep_tools_ = parameter<int>(private_node_, "lockstep_tools", 1, 1, 64);
+  lockstep_timeout_s_ = parameter<double>(private_node_, "lockstep_timeout_s", 5.0, 0.1, 3600.0);
+  if (lockstep_ && publish_clock_)
+    throw core::InputError(
+        "lockstep and publish_clock: in lockstep time comes from the device's samples; set one only");
+  follow_clock_ = !lockstep_ && !publish_clock_ && real_time_factor_ > 0.0 && !ros::Time::useSystemTime();
 
   scene_ = core::loadScene(scene_file);
   volumes_ = core::readVolumes(scene_);
@@ -153,7 +167,7 @@ void SimulationNode::advertise() {
   // A new receiver cannot use deltas until it has a key frame.
   const auto joined = [this](const ros::SingleSubscriberPublisher&) { key_frame_wanted_ = true; };
   state_publisher_ = node_.advertise<GridState>(topics::kState, 100, joined);
-  patch_publisher_ = node_.advertise<GridPatch>(topics::kPatch, 100);
+  patch_publisher_ = node_.advertise<GridPatch>(topics::kPatch, lockstep_ ? kLockstepQueue : 100);
   journal_publisher_ = node_.advertise<SimulationJournal>(topics::kJournal, 1000);
   checkpoint_publisher_ = node_.advertise<SimulationCheckpoint>(topics::kCheckpoint, 1, true);
   stats_publisher_ = node_.advertise<SimulationStats>(topics::kSimulationStats, 10, true);
@@ -245,19 +259,26 @@ void SimulationNode::advertise() {
 }
 
 void SimulationNode::subscribe() {
+  const std::uint32_t queue = lockstep_ ? kLockstepQueue : 1000;
   subscribers_ = {
       subscribeChecked<ToolForce>(
-          node_, topics::kToolForce, 1000, [this](const ToolForce::ConstPtr& m) { queueInput(m); }, incidents_),
+          node_, topics::kToolForce, queue, [this](const ToolForce::ConstPtr& m) { queueInput(m); }, incidents_),
       subscribeChecked<ToolCut>(
-          node_, topics::kToolCut, 1000, [this](const ToolCut::ConstPtr& m) { queueInput(m); }, incidents_),
+          node_, topics::kToolCut, queue, [this](const ToolCut::ConstPtr& m) { queueInput(m); }, incidents_),
       subscribeChecked<ToolGrip>(
-          node_, topics::kToolGrip, 1000, [this](const ToolGrip::ConstPtr& m) { queueInput(m); }, incidents_),
+          node_, topics::kToolGrip, queue, [this](const ToolGrip::ConstPtr& m) { queueInput(m); }, incidents_),
       subscribeChecked<ToolState>(
           node_, topics::kToolState, 100, [this](const ToolState::ConstPtr& m) { hearTool(m); }, incidents_)};
+  if (lockstep_) {
+    subscribers_.push_back(subscribeChecked<ToolProgress>(
+        node_, topics::kToolProgress, queue, [this](const ToolProgress::ConstPtr& m) { hearProgress(m); }, incidents_));
+  }
 }
 
 void SimulationNode::queueInput(Input input) {
   const std::lock_guard<std::mutex> lock(mutex_);
+  if (in_lockstep_)
+    return queueLockstepInput(input);
   if (inputs_.size() >= kMaxQueuedInputs) {
     incidents_.report("tool inputs", "more came than the simulation can take; some were dropped");
     return;
@@ -277,6 +298,48 @@ void SimulationNode::hearTool(const ToolState::ConstPtr& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   patch_requests_[message->tool_id] = {point, message->patch_radius, stamp, ros::WallTime::now()};
   wake_.notify_all();
+}
+
+void SimulationNode::queueLockstepInput(const Input& input) {
+  using Kind = core::LockstepInputs<Input>::Kind;
+  const auto add = [this, &input](const auto& message, Kind kind) {
+    timed_inputs_.add(static_cast<std::int64_t>(message.header.stamp.toNSec()), message.tool_id, kind, message.sequence,
+                      input);
+  };
+  if (const auto* force = std::get_if<ToolForce::ConstPtr>(&input)) {
+    add(**force, Kind::kForce);
+    gate_.countForce((*force)->tool_id, (*force)->sequence);
+  } else if (const auto* cut = std::get_if<ToolCut::ConstPtr>(&input)) {
+    add(**cut, Kind::kCut);
+    gate_.countCut((*cut)->tool_id, (*cut)->sequence);
+  } else {
+    add(*std::get<ToolGrip::ConstPtr>(input), Kind::kGrip);
+  }
+  wake_.notify_all();
+}
+
+void SimulationNode::hearProgress(const ToolProgress::ConstPtr& message) {
+  try {
+    const core::ToolNotice notice = fromMessage(*message);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!in_lockstep_ || notice.session != lockstep_session_)
+      return;
+    progress_heard_ = Clock::now();
+    wake_.notify_all();
+    if (message->left != 0) {
+      lockstep_end_ = notice.hand + " has left it";
+      return;
+    }
+    const bool usable = scene_.findTool(notice.tool_id) != nullptr && core::isFinite(notice.point_m) &&
+                        notice.patch_radius_m > 0.0 && notice.patch_radius_m <= 1.0;
+    if (!usable)
+      incidents_.report(topics::kToolProgress,
+                        "a tool that the scene does not have, or a place or radius out of range");
+    else if (!gate_.hear(notice, lockstep_session_))
+      lockstep_end_ = notice.hand + " joined it later, or its stamps went back";
+  } catch (const core::Error& error) {
+    incidents_.report(topics::kToolProgress, error.what());
+  }
 }
 
 /// Runs `work` in the simulation's thread between two steps and waits for it; false when the node is shutting down.
@@ -303,11 +366,11 @@ void SimulationNode::run() {
   while (running_ && ros::ok()) {
     runCommands();
     if (!paused_) {
-      waitForDueTime();
-      waitForTools();
-      applyInputs();
-      advance();
-    } else if (key_frame_wanted_) {
+      if (readyForStep()) {
+        applyInputs();
+        advance();
+      }
+    } else if (key_frame_wanted_ && begun_) {
       publishState(true);  // somebody joined, and no step will bring a state
     }
     if (Clock::now() - stats_time_ >= std::chrono::seconds(1))
@@ -323,6 +386,100 @@ void SimulationNode::run() {
       return;
     }
   }
+}
+
+/// Waits for the time of the next step; false when something else is to be seen to first.
+bool SimulationNode::readyForStep() {
+  if (!begun_ && !waitForStart())
+    return false;
+  if (in_lockstep_)
+    return readyInLockstep();
+  if (follow_clock_)
+    return waitForClock();
+  waitForDueTime();
+  waitForTools();
+  return true;
+}
+
+/// What a session begins with needs its time zero: of the first sample, or of the clock.
+bool SimulationNode::waitForStart() {
+  if (!in_lockstep_) {
+    if (ros::Time::now().isZero())
+      std::this_thread::sleep_for(kPatience);
+    else
+      beginAt(ros::Time::now());
+    return begun_;
+  }
+  std::optional<std::int64_t> epoch_ns;
+  {
+    std::unique_lock<std::mutex> lock(mutex_);
+    wake_.wait_for(lock, kPatience,
+                   [this] { return !running_ || !commands_.empty() || gate_.epoch() || !lockstep_end_.empty(); });
+    epoch_ns = gate_.epoch();
+  }
+  if (epoch_ns)
+    beginAt(ros::Time().fromNSec(static_cast<std::uint64_t>(*epoch_ns)));
+  return begun_;
+}
+
+void SimulationNode::beginAt(const ros::Time& now) {
+  epoch_ = now - ros::Duration(session_->simulationTime());
+  begun_ = true;
+  publishJournal();
+  publishState(true);
+  publishCheckpoint();
+}
+
+/// Steps of a clock that somebody else drives: it may stand still, and begin anew.
+bool SimulationNode::waitForClock() {
+  const ros::Time due = stampNow() + ros::Duration(session_->timeStep());
+  const ros::Time now = ros::Time::now();
+  if (now >= due)
+    return true;
+  if ((due - now).toSec() > kClockJump_s)
+    epoch_ = now - ros::Duration(session_->simulationTime());
+  std::this_thread::sleep_for(std::chrono::microseconds(200));
+  return false;
+}
+
+bool SimulationNode::readyInLockstep() {
+  const std::int64_t time_ns = static_cast<std::int64_t>(stampNow().toNSec());
+  std::string reason;
+  {
+    std::unique_lock<std::mutex> lock(mutex_);
+    const bool ready = wake_.wait_for(lock, kPatience, [&] {
+      return !running_ || !commands_.empty() || !lockstep_end_.empty() || gate_.complete(time_ns);
+    });
+    if (ready && gate_.complete(time_ns))
+      return true;
+    reason = lockstep_end_;
+    if (reason.empty() && Clock::now() - progress_heard_ > std::chrono::duration<double>(lockstep_timeout_s_))
+      reason = "nothing came from " + gate_.waitsFor(time_ns);
+  }
+  if (!reason.empty())
+    leaveLockstep(reason);
+  return false;
+}
+
+void SimulationNode::leaveLockstep(const std::string& reason) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    in_lockstep_ = false;
+    inputs_ = timed_inputs_.take(INT64_MAX);
+  }
+  due_ = Clock::now();
+  incidents_.report(topics::kLockstep, reason + ": the run goes on out of lockstep until the next session");
+  journal_->note(topics::kLockstep, "std_msgs/Empty", {}, "left: " + reason);
+}
+
+void SimulationNode::publishLockstepPatches() {
+  std::vector<core::ToolNotice> notices;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    notices = gate_.noticesAt(static_cast<std::int64_t>(stampNow().toNSec()));
+  }
+  for (const core::ToolNotice& notice : notices)
+    publishPatch(notice.tool_id, notice.point_m, notice.patch_radius_m);
 }
 
 void SimulationNode::runCommands() {
@@ -371,7 +528,10 @@ void SimulationNode::applyInputs() {
   std::vector<Input> inputs;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    inputs.swap(inputs_);
+    if (in_lockstep_)
+      inputs = timed_inputs_.take(static_cast<std::int64_t>(stampNow().toNSec()));
+    else
+      inputs.swap(inputs_);
   }
   for (const Input& input : inputs) {
     const std::uint64_t at = applyAtStep(input);
@@ -402,6 +562,9 @@ void SimulationNode::applyInput(const Input& input) {
 }
 
 void SimulationNode::advance() {
+  // In lockstep patches follow the inputs of their time; otherwise they go as early as they can.
+  if (in_lockstep_ && patch_every_.due(session_->steps()))
+    publishLockstepPatches();
   const Clock::time_point start = Clock::now();
   session_->step();
   step_ms_.push_back(static_cast<float>(milliseconds(Clock::now() - start)));
@@ -409,7 +572,7 @@ void SimulationNode::advance() {
   const std::uint64_t step = session_->steps();
   if (publish_clock_ && clock_every_.due(step))
     publishClock();
-  if (patch_every_.due(step))
+  if (!in_lockstep_ && patch_every_.due(step))
     publishPatches();
   // The journal after a checkpoint begins with it.
   const bool keep = resume_file_ && keep_every_.due(step);
@@ -484,6 +647,7 @@ void SimulationNode::startSession(const SimulationCheckpoint* checkpoint, const 
   session_ = std::move(session);
   journal_ = std::move(journal);
   setRates();
+  startLockstep();
   later_.clear();
   encoder_ = core::StateEncoder();
   journaled_step_ = session_->steps();
@@ -491,6 +655,21 @@ void SimulationNode::startSession(const SimulationCheckpoint* checkpoint, const 
   max_displacement_ever_m_ = cut_opening_max_m_ = 0.0;
   states_published_ = 0;
   publishSession();
+}
+
+/// Every session begins in it, where it is wanted.
+void SimulationNode::startLockstep() {
+  begun_ = begun_ || (!lockstep_ && !(follow_clock_ && ros::Time::now().isZero()));
+  if (!lockstep_)
+    return;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  begun_ = false;
+  in_lockstep_ = true;
+  gate_ = core::LockstepGate(static_cast<std::size_t>(lockstep_tools_));
+  timed_inputs_.clear();
+  lockstep_session_ = session_->id();
+  lockstep_end_.clear();
+  progress_heard_ = Clock::now();
 }
 
 void SimulationNode::publishSession() {
@@ -501,9 +680,11 @@ void SimulationNode::publishSession() {
   stamp(*volume);
   volume_publisher_.publish(volume);
   publishTopology(true);
-  publishJournal();
-  publishState(true);
-  publishCheckpoint();
+  if (begun_) {
+    publishJournal();
+    publishState(true);
+    publishCheckpoint();
+  }
   ROS_INFO("session %llu: %zu cells, %zu vertices, time step %g s (limit %.3g s)",
            static_cast<unsigned long long>(session_->id()), session_->lattice().cellCount(),
            session_->lattice().vertexCount(), session_->timeStep(), session_->timeStepLimit());
@@ -563,11 +744,15 @@ void SimulationNode::publishPatches() {
     const PatchRequest& request = entry.second;
     if ((ros::WallTime::now() - request.heard).toSec() > kToolSilence_s)
       continue;
-    auto message =
-        boost::make_shared<GridPatch>(toMessage(session_->patch(entry.first, request.point_m, request.radius_m)));
-    stamp(*message);
-    patch_publisher_.publish(message);
+    publishPatch(entry.first, request.point_m, request.radius_m);
   }
+}
+
+void SimulationNode::publishPatch(const std::string& tool_id, const core::Vector3& point_m, double radius_m) {
+  auto message = boost::make_shared<GridPatch>(toMessage(session_->patch(tool_id, point_m, radius_m)));
+  stamp(*message);
+  message->next_stamp = stampOf(session_->steps() + patch_every_.steps);
+  patch_publisher_.publish(message);
 }
 
 boost::shared_ptr<const SimulationCheckpoint> SimulationNode::makeCheckpoint() const {
@@ -597,8 +782,14 @@ void SimulationNode::publishClock() {
   clock_publisher_.publish(message);
 }
 
+ros::Time SimulationNode::stampOf(std::uint64_t step) const {
+  const auto epoch_ns = static_cast<std::int64_t>(epoch_.toNSec());
+  return ros::Time().fromNSec(
+      static_cast<std::uint64_t>(core::lockstepStamp(epoch_ns, session_->simulationTimeAt(step))));
+}
+
 ros::Time SimulationNode::stampNow() const {
-  return epoch_ + ros::Duration(session_->simulationTime());
+  return stampOf(session_->steps());
 }
 
 template <typename Message>

@@ -2,8 +2,10 @@
 
 #include <geometry_msgs/WrenchStamped.h>
 #include <ros/console.h>
+#include <ros/this_node.h>
 #include <soft_volume/ToolCut.h>
 #include <soft_volume/ToolForce.h>
+#include <soft_volume/ToolProgress.h>
 #include <soft_volume/ToolState.h>
 
 #include <algorithm>
@@ -11,6 +13,7 @@
 #include <utility>
 
 #include "soft_volume/common/error.h"
+#include "soft_volume/messages/button_messages.h"
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/topics.h"
 #include "soft_volume/ros/checked_subscription.h"
@@ -21,7 +24,8 @@ namespace {
 
 constexpr double kPublisherWait_s = 0.1;
 constexpr double kFarewell_s = 0.05;  // for a last message to leave
-constexpr std::size_t kPublishedButtons = 8;
+/// Messages that may wait in lockstep, where none may be lost: minutes of a device.
+constexpr std::uint32_t kLockstepQueue = 200000;
 constexpr std::size_t kRememberedRigs = 8;
 constexpr std::size_t kLooksKept = 10;  // seconds of percentiles
 /// A stamp that is older when a pose is heard says that the clocks differ, not that the pose is late.
@@ -37,17 +41,6 @@ std::optional<core::DeviceProfile> loadProfile(const ros::NodeHandle& private_no
   if (path.empty())
     return std::nullopt;
   return core::loadDeviceProfile(path);
-}
-
-core::DeviceTopics topicsOf(const std::optional<core::DeviceProfile>& profile) {
-  if (profile)
-    return profile->topics;
-  core::DeviceTopics topics;
-  topics.measured_cp = topics::kMeasuredPose;
-  topics.measured_cv = topics::kMeasuredVelocity;
-  topics.servo_cf = topics::kServoForce;
-  topics.buttons = {{topics::kButtons, std::nullopt, 0, static_cast<std::uint32_t>(core::Buttons().size()), 0}};
-  return topics;
 }
 
 TimeCounts::Counts since(const TimeCounts::Counts& now, const TimeCounts::Counts& before) {
@@ -69,22 +62,16 @@ void addQuantiles(diagnostic_updater::DiagnosticStatusWrapper& status, const std
 ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
     : node_(node), profile_(loadProfile(private_node)), diagnostics_(node, private_node), device_handle_(node) {
   device_handle_.setCallbackQueue(&device_queue_);
-  HapticLoop::Settings settings;
-  settings.rate_hz = parameter<double>(private_node, "rate_hz", profile_ ? profile_->rate_hz : 1000.0, 20.0, 4000.0);
-  settings.priority = parameter<int>(private_node, "priority", 50, 1, 99);
-  settings.wall_timeout_s = parameter<double>(private_node, "wall_timeout_s", 0.25, 0.02, 10.0);
-  if (!ros::Time::useSystemTime())
-    settings.simulated_time = [] { return ros::Time::now().toSec(); };
+  rate_hz_ = parameter<double>(private_node, "rate_hz", profile_ ? profile_->rate_hz : 1000.0, 20.0, 4000.0);
   if (profile_) {
     operating_state_ = std::make_unique<OperatingStateListener>(device_handle_, profile_->topics.operating_state,
                                                                 profile_->needs_homing, incidents_);
-    settings.forces_allowed = [this] { return operating_state_->allowed(); };
   }
-  device_buttons_ = std::make_unique<DeviceButtons>(device_handle_, topicsOf(profile_).buttons, incidents_);
-  settings.buttons = [this] { return device_buttons_->buttons(); };
   advertise();
-  loop_ = std::make_unique<HapticLoop>(settings);
-  publisher_ = std::thread([this] { publishTicks(); });
+  if (parameter<bool>(private_node, "lockstep", false))
+    startLockstep(private_node);
+  else
+    startLoop(private_node);
   diagnostics_.setHardwareID(profile_ ? profile_->name : "none");
   diagnostics_.add("tool", this, &ToolNode::diagnose);
   diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
@@ -93,11 +80,59 @@ ToolNode::ToolNode(const ros::NodeHandle& node, const ros::NodeHandle& private_n
   device_spinner_.start();
 }
 
+void ToolNode::startLoop(const ros::NodeHandle& private_node) {
+  HapticLoop::Settings settings;
+  settings.rate_hz = rate_hz_;
+  settings.priority = parameter<int>(private_node, "priority", 50, 1, 99);
+  settings.wall_timeout_s = parameter<double>(private_node, "wall_timeout_s", 0.25, 0.02, 10.0);
+  if (!ros::Time::useSystemTime())
+    settings.simulated_time = [] { return ros::Time::now().toSec(); };
+  settings.forces_allowed = [this] { return forcesAllowed(); };
+  device_buttons_ = std::make_unique<DeviceButtons>(device_handle_, device().buttons, incidents_);
+  settings.buttons = [this] { return device_buttons_->buttons(); };
+  loop_ = std::make_unique<HapticLoop>(settings);
+  publisher_ = std::thread([this] { publishTicks(); });
+}
+
+void ToolNode::startLockstep(const ros::NodeHandle& private_node) {
+  progress_publisher_ = node_.advertise<ToolProgress>(topics::kToolProgress, kLockstepQueue);
+  LockstepLoop::Settings settings;
+  settings.has_velocity = !device().measured_cv.empty();
+  settings.button_topics = device().buttons.size();
+  settings.timeout_s = parameter<double>(private_node, "lockstep_timeout_s", 2.0, 0.1, 3600.0);
+  settings.forces_allowed = [this] { return forcesAllowed(); };
+  settings.publish_notice = [this](const core::ToolNotice& notice) { publishProgress(notice); };
+  settings.publish_tick = [this](std::uint64_t generation, const core::HandTick& tick) {
+    publish(LoopTick{tick, generation});
+  };
+  settings.leave = [this](std::uint64_t session, const std::string& reason) { leaveLockstep(session, reason); };
+  settings.warn = [this](const std::string& text) { incidents_.report(topics::kLockstep, text); };
+  lockstep_ = std::make_unique<LockstepLoop>(settings);
+  device_buttons_ =
+      std::make_unique<DeviceButtons>(device_handle_, device().buttons, incidents_, kLockstepQueue,
+                                      [this](std::size_t topic, const ros::Time& stamp, const ButtonChange& change) {
+                                        const auto stamp_ns = static_cast<std::int64_t>(stamp.toNSec());
+                                        lockstep_->hear([&](core::DeviceStreams& streams) {
+                                          streams.addButtons(topic, stamp_ns, change.mask, change.pressed);
+                                        });
+                                      });
+}
+
+bool ToolNode::forcesAllowed() const {
+  return !operating_state_ || operating_state_->allowed();
+}
+
+core::DeviceTopics ToolNode::device() const {
+  return deviceTopics(profile_ ? &*profile_ : nullptr);
+}
+
 ToolNode::~ToolNode() {
   subscribers_.clear();
   device_spinner_.stop();
   running_ = false;
-  publisher_.join();
+  lockstep_.reset();
+  if (publisher_.joinable())
+    publisher_.join();
   // A driver may hold the last force that it heard.
   std_msgs::Header header;
   header.stamp = ros::Time::now();
@@ -109,13 +144,14 @@ void ToolNode::advertise() {
   force_publisher_ = node_.advertise<ToolForce>(topics::kToolForce, 1000);
   cut_publisher_ = node_.advertise<ToolCut>(topics::kToolCut, 1000);
   state_publisher_ = node_.advertise<ToolState>(topics::kToolState, 1000);
-  const std::string servo = topicsOf(profile_).servo_cf;
+  const std::string servo = device().servo_cf;
   if (!servo.empty())
     servo_publisher_ = node_.advertise<geometry_msgs::WrenchStamped>(servo, 1000);
 }
 
 void ToolNode::subscribe() {
-  const core::DeviceTopics device = topicsOf(profile_);
+  const core::DeviceTopics device = this->device();
+  const std::uint32_t queue = lockstep_ ? kLockstepQueue : 100;
   subscribers_ = {
       subscribeChecked<Scene>(
           node_, topics::kScene, 10, [this](const Scene::ConstPtr& m) { hearScene(m); }, incidents_),
@@ -124,17 +160,21 @@ void ToolNode::subscribe() {
       subscribeChecked<GridTopology>(
           node_, topics::kTopology, 100, [this](const GridTopology::ConstPtr& m) { hearTopology(m); }, incidents_),
       subscribeChecked<GridPatch>(
-          node_, topics::kPatch, 2, [this](const GridPatch::ConstPtr& m) { hearPatch(m); }, incidents_)};
+          node_, topics::kPatch, lockstep_ ? kLockstepQueue : 2, [this](const GridPatch::ConstPtr& m) { hearPatch(m); },
+          incidents_)};
   subscribers_.push_back(subscribeChecked<geometry_msgs::PoseStamped>(
-      device_handle_, device.measured_cp, 100, [this](const geometry_msgs::PoseStamped::ConstPtr& m) { hearPose(m); },
+      device_handle_, device.measured_cp, queue, [this](const geometry_msgs::PoseStamped::ConstPtr& m) { hearPose(m); },
       incidents_));
   if (!device.measured_cv.empty())
     subscribers_.push_back(subscribeChecked<geometry_msgs::TwistStamped>(
-        device_handle_, device.measured_cv, 100,
+        device_handle_, device.measured_cv, queue,
         [this](const geometry_msgs::TwistStamped::ConstPtr& m) { hearVelocity(m); }, incidents_));
   reset_service_ = node_.advertiseService<std_srvs::Trigger::Request, std_srvs::Trigger::Response>(
       topics::kToolReset, [this](std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response) -> bool {
-        loop_->reset();
+        if (lockstep_)
+          lockstep_->reset();
+        else
+          loop_->reset();
         response.success = 1;
         response.message = "forces start at zero again";
         return true;
@@ -146,6 +186,7 @@ void ToolNode::hearScene(const Scene::ConstPtr& message) {
     auto scene = std::make_shared<core::Scene>(core::parseScene(message->yaml, "the scene message", "/"));
     const std::lock_guard<std::mutex> lock(mutex_);
     scene_ = std::move(scene);
+    session_ = message->session;
     {
       const std::lock_guard<std::mutex> frame_lock(frame_mutex_);
       frame_id_ = message->header.frame_id;
@@ -156,36 +197,17 @@ void ToolNode::hearScene(const Scene::ConstPtr& message) {
   }
 }
 
-/// What the device's file says of the device goes before what the scene says.
-core::ToolConfig ToolNode::forDevice(core::ToolConfig config, const core::WorkspaceMapping& mapping) const {
-  config.device = mapping.atTip(profile_->limits);
-  config.safety = mapping.atTip(profile_->safety);
-  core::CouplingConfig& coupling = config.coupling;
-  const double damping = mapping.atTip(profile_->device_damping_n_s_m);
-  coupling.device_damping_n_s_m = damping;
-  coupling.damping_n_s_m = std::min({coupling.damping_n_s_m, 0.5 * damping, config.device.max_damping_n_s_m});
-  coupling.sample_period_s = 1.0 / loop_->settings().rate_hz;
-  // A force waits for the driver's next cycle, which no message tells.
-  coupling.delay_s = profile_->output_delay_s + 1.0 / profile_->rate_hz;
-  config.cutting_drag_n_s_m = std::min(config.cutting_drag_n_s_m, damping);
-  return config;
-}
-
 void ToolNode::makeRig() {
-  auto rig = std::make_unique<ToolRig>();
+  const core::DeviceProfile* profile = profile_ ? &*profile_ : nullptr;
+  auto rig = std::make_unique<ToolRig>(core::makeToolRig(*scene_, profile, rate_hz_, firstSequence()));
   auto notes = std::make_shared<RigNotes>();
   rig->generation = notes->generation = ++generation_;
-  rig->swap_button = scene_->swap_button;
-  if (profile_)
-    rig->mapping = core::WorkspaceMapping(profile_->mapping, profile_->placeIn(*scene_));
   notes->frame_id = frame_id_;
   intakes_.clear();
   spare_.clear();
-  const std::uint64_t first = firstSequence();
-  for (const core::ToolConfig& from_scene : scene_->tools) {
-    const core::ToolConfig config = profile_ ? forDevice(from_scene, rig->mapping) : from_scene;
+  for (const auto& tool : rig->tools) {
+    const core::ToolConfig& config = tool->config();
     notes->tools.push_back(config);
-    rig->tools.push_back(std::make_unique<core::Tool>(config, first));
     intakes_.emplace_back(config.id, config.tissue_threshold);
     if (volume_)
       intakes_.back().setVolume(volume_);
@@ -198,7 +220,23 @@ void ToolNode::makeRig() {
     if (notes_.size() > kRememberedRigs)
       notes_.pop_front();
   }
-  loop_->give(std::move(rig));
+  if (lockstep_)
+    giveHand();
+  else
+    loop_->give(std::move(rig));
+}
+
+/// Once scene, volume and grid of a session are here.
+void ToolNode::giveHand() {
+  const auto& topology = topologies_.topology();
+  const bool complete = scene_ && volume_ && topology && topology->session == session_ && volume_session_ == session_;
+  if (!complete || scene_->tools.empty() || hand_session_ == session_)
+    return;
+  hand_session_ = session_;
+  auto hand = std::make_unique<core::LockstepHand>(ros::this_node::getName(), *scene_, profile_ ? &*profile_ : nullptr,
+                                                   rate_hz_, session_, volume_);
+  hand->addTopology(topology);
+  lockstep_->give(std::move(hand), generation_);
 }
 
 void ToolNode::hearVolume(const Volume::ConstPtr& message) {
@@ -206,6 +244,7 @@ void ToolNode::hearVolume(const Volume::ConstPtr& message) {
     const VolumeAndLabels content = fromMessage(*message);
     const std::lock_guard<std::mutex> lock(mutex_);
     volume_ = content.volume;
+    volume_session_ = message->session;
     if (scene_)
       makeRig();
   } catch (const core::Error& error) {
@@ -218,6 +257,13 @@ void ToolNode::hearTopology(const GridTopology::ConstPtr& message) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (takeMessage(*message, topologies_) != core::TopologyDecoder::Result::kApplied)
       return;
+    if (lockstep_) {
+      if (hand_session_ == message->session)
+        lockstep_->addTopology(topologies_.topology());
+      else
+        giveHand();
+      return;
+    }
     bool new_session = false;
     for (core::PatchIntake& intake : intakes_)
       new_session |= intake.setTopology(topologies_.topology());
@@ -257,6 +303,11 @@ void ToolNode::prepare(const core::GridPatch& patch, std::size_t tool) {
 
 void ToolNode::hearPatch(const GridPatch::ConstPtr& message) {
   try {
+    if (lockstep_) {
+      lockstep_->addPatch(fromMessage(*message), static_cast<std::int64_t>(message->header.stamp.toNSec()),
+                          static_cast<std::int64_t>(message->next_stamp.toNSec()));
+      return;
+    }
     const std::lock_guard<std::mutex> lock(mutex_);
     // Topics are not ordered among each other: a patch of another revision than the topology's is early or late.
     const auto& topology = topologies_.topology();
@@ -271,11 +322,13 @@ void ToolNode::hearPatch(const GridPatch::ConstPtr& message) {
   }
 }
 
-std::string ToolNode::expectedFrame() const {
-  if (profile_)
-    return profile_->base_frame;
+std::string ToolNode::volumeFrame() const {
   const std::lock_guard<std::mutex> lock(frame_mutex_);
   return frame_id_;
+}
+
+std::string ToolNode::expectedFrame() const {
+  return profile_ ? profile_->base_frame : volumeFrame();
 }
 
 /// How long a pose was on its way, as far as the clocks of driver and node agree.
@@ -305,6 +358,10 @@ void ToolNode::hearPose(const geometry_msgs::PoseStamped::ConstPtr& message) {
     incidents_.report(topics::kMeasuredPose, "the pose is not finite or its quaternion is not a rotation");
   else
     heard.pose.orientation.normalize();
+  if (lockstep_) {
+    lockstep_->hear([&](core::DeviceStreams& streams) { streams.addPose(heard.stamp_ns, heard.pose); });
+    return;
+  }
   if (!loop_->settings().simulated_time)
     heard.delay_s = poseDelay(message->header.stamp);
   loop_->hear(heard);
@@ -316,6 +373,11 @@ void ToolNode::hearVelocity(const geometry_msgs::TwistStamped::ConstPtr& message
   const core::Vector3 velocity = fromVector(message->twist.linear);
   if (!core::isFinite(velocity)) {
     incidents_.report(topics::kMeasuredVelocity, "the velocity is not finite");
+    return;
+  }
+  if (lockstep_) {
+    const auto stamp_ns = static_cast<std::int64_t>(message->header.stamp.toNSec());
+    lockstep_->hear([&](core::DeviceStreams& streams) { streams.addVelocity(stamp_ns, velocity); });
     return;
   }
   loop_->hear(velocity, HapticLoop::now());
@@ -376,20 +438,26 @@ void ToolNode::publishServo(const core::Vector3& force_n, std_msgs::Header heade
 }
 
 void ToolNode::publishState(const LoopTick& tick, const RigNotes& notes, const std_msgs::Header& header) {
-  const core::ToolConfig& config = notes.tools[tick.tool];
-  ToolState state = toMessage(tick.output);
+  ToolState state = toMessage(tick, notes.tools[tick.tool]);
   state.header = header;
-  state.tool_id = config.id;
   state.sequence = ++state_sequence_;
-  state.kind = static_cast<std::uint8_t>(config.kind);
-  state.pose = toPose(tick.tip);
-  if (state.in_contact == 0)
-    state.proxy = state.pose;
-  state.proxy.orientation = state.pose.orientation;
-  for (std::size_t b = 0; b < kPublishedButtons; ++b)
-    state.buttons.push_back(static_cast<std::uint8_t>(tick.buttons[b]));
-  state.patch_radius = config.patch_radius_m;
   state_publisher_.publish(state);
+}
+
+void ToolNode::publishProgress(const core::ToolNotice& notice) {
+  ToolProgress progress = toMessage(notice);
+  progress.header.stamp.fromNSec(static_cast<std::uint64_t>(notice.until_ns));
+  progress.header.frame_id = volumeFrame();
+  progress_publisher_.publish(progress);
+}
+
+void ToolNode::leaveLockstep(std::uint64_t session, const std::string& reason) {
+  incidents_.report(topics::kLockstep, reason + ": the run goes on out of lockstep until the next session");
+  ToolProgress progress;
+  progress.hand = ros::this_node::getName();
+  progress.session = session;
+  progress.left = 1;
+  progress_publisher_.publish(progress);
 }
 
 void ToolNode::summarize(diagnostic_updater::DiagnosticStatusWrapper& status, const LoopTick& tick) const {
@@ -411,6 +479,15 @@ void ToolNode::summarize(diagnostic_updater::DiagnosticStatusWrapper& status, co
   status.add("energy made by the loop [J]", output.made_energy_j);
   status.add("damping that takes it out [N s/m]", output.passivity_damping_n_s_m);
   status.add("tripped", output.tripped);
+}
+
+void ToolNode::addLockstep(diagnostic_updater::DiagnosticStatusWrapper& status) const {
+  const LockstepLoop::Counts counts = lockstep_->counts();
+  status.add("loop", counts.in_lockstep ? "in lockstep: a tick for every sample, in the order of stamps"
+                                        : "lockstep: waits for a session and a device, or has left it");
+  status.add("ticks", counts.ticks);
+  status.add("poses that wait", counts.waiting);
+  status.add("messages that came too late for their sample", counts.late);
 }
 
 void ToolNode::addLoop(diagnostic_updater::DiagnosticStatusWrapper& status) {
@@ -451,7 +528,10 @@ void ToolNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
     status.add("tool", notes ? notes->tools[newest->tool].id : "");
     summarize(status, *newest);
   }
-  addLoop(status);
+  if (lockstep_)
+    addLockstep(status);
+  else
+    addLoop(status);
   incidents_.addTo(status);
 }
 

@@ -17,10 +17,13 @@ constexpr char kToolForce[] = "tool/force";
 constexpr char kToolCut[] = "tool/cut";
 constexpr char kToolGrip[] = "tool/grip";
 constexpr char kToolState[] = "tool/state";
+constexpr char kToolProgress[] = "tool/progress";
 constexpr char kMeasuredPose[] = "measured_cp";
 constexpr char kMeasuredVelocity[] = "measured_cv";
 constexpr char kServoForce[] = "servo_cf";
 constexpr char kButtons[] = "joy";
+/// Of notes in the journal: that a session left the lockstep, and why.
+constexpr char kLockstep[] = "lockstep";
 constexpr char kRenderStats[] = "render/stats";
 constexpr char kRecorderStatus[] = "recorder/status";
 constexpr char kRecordingInfo[] = "recorder/info";

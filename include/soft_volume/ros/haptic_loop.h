@@ -12,19 +12,15 @@
 #include <thread>
 #include <vector>
 
+#include "soft_volume/scene/tool_rig.h"
+#include "soft_volume/session/lockstep.h"
 #include "soft_volume/tool/spsc_ring.h"
 #include "soft_volume/tool/tool.h"
 #include "soft_volume/tool/workspace_mapping.h"
 
 namespace soft_volume {
 
-/// The tools of a scene with what they need in the loop. Made by another thread; the loop owns it while it is in use.
-struct ToolRig {
-  std::uint64_t generation = 0;  ///< tells the rigs of one node apart
-  std::vector<std::unique_ptr<core::Tool>> tools;
-  core::WorkspaceMapping mapping;
-  std::uint32_t swap_button = 0;
-};
+using core::ToolRig;
 
 /// A patch on its way to or from a tool of a rig.
 struct PatchParcel {
@@ -42,15 +38,8 @@ struct HeardPose {
 };
 
 /// What a tick gives, to be published by another thread.
-struct LoopTick {
+struct LoopTick : core::HandTick {
   std::uint64_t generation = 0;
-  std::size_t tool = 0;
-  bool put_down = false;  ///< the tool has left the hand: only `output.cut` counts
-  std::int64_t stamp_ns = 0;
-  core::Pose tip;
-  core::Buttons buttons;
-  core::ToolOutput output;
-  core::Vector3 servo_n = core::Vector3::Zero();  ///< as the driver wants it
 };
 
 /// Counts of times in bins of a sixteenth of an octave, for percentiles. One thread adds without ever waiting; any

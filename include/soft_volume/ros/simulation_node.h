@@ -11,6 +11,7 @@
 #include <soft_volume/ToolCut.h>
 #include <soft_volume/ToolForce.h>
 #include <soft_volume/ToolGrip.h>
+#include <soft_volume/ToolProgress.h>
 #include <soft_volume/ToolState.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
@@ -33,6 +34,7 @@
 #include "soft_volume/messages/resume_file.h"
 #include "soft_volume/ros/incident_log.h"
 #include "soft_volume/scene/scene.h"
+#include "soft_volume/session/lockstep.h"
 #include "soft_volume/session/session.h"
 
 namespace soft_volume {
@@ -42,12 +44,16 @@ namespace soft_volume {
 /// Private parameters: ~scene (file), ~threads (1), ~real_time_factor (1; simulated seconds per second at most, 0: as
 /// fast as possible), ~publish_clock (false; be the source of /clock, for use_sim_time), ~start_paused (false),
 /// ~stop_after_s (0; shut down after so many simulated seconds), ~frame_id ("volume"), ~resume_file (none; keep the run
-/// there, and go on with what a killed simulation kept: see ResumeFile).
+/// there, and go on with what a killed simulation kept: see ResumeFile), ~lockstep (false; for repeatable runs, do
+/// every step with all that tools sent until its time, see session/lockstep.h; tool nodes need it too), ~lockstep_tools
+/// (1; tool nodes that are waited for), ~lockstep_timeout_s (5; wall time after which silent tools end the lockstep).
 ///
 /// With ~publish_clock the simulation waits for tools that fall behind simulated time by more than 10 ms (for at most
 /// 0.2 s), so that a slow machine slows everything down alike.
 ///
-/// Stamps are those of the simulation: the ROS time at the start of the session plus the simulated time.
+/// Stamps are those of the simulation: the ROS time at the start of the session plus the simulated time. With
+/// use_sim_time and without ~publish_clock, the session starts with the first message of /clock and follows it. In
+/// lockstep it starts at the stamp of the first device sample, and follows the samples.
 ///
 /// Threads: callbacks only queue; one thread applies, steps and publishes, and services run in it between two steps.
 class SimulationNode {
@@ -84,10 +90,20 @@ class SimulationNode {
   // In callbacks.
   void queueInput(Input input);
   void hearTool(const ToolState::ConstPtr& message);
+  void hearProgress(const ToolProgress::ConstPtr& message);
+  void queueLockstepInput(const Input& input);
   bool inLoop(const std::function<void()>& work);
 
   // In the simulation's thread.
   void run();
+  void startLockstep();
+  bool readyForStep();
+  bool readyInLockstep();
+  void leaveLockstep(const std::string& reason);
+  bool waitForStart();
+  void beginAt(const ros::Time& now);
+  bool waitForClock();
+  void publishLockstepPatches();
   void runCommands();
   void waitForDueTime();
   void waitForTools();
@@ -104,6 +120,7 @@ class SimulationNode {
   void publishState(bool key_frame);
   void publishJournal();
   void publishPatches();
+  void publishPatch(const std::string& tool_id, const core::Vector3& point_m, double radius_m);
   void publishCheckpoint();
   boost::shared_ptr<const SimulationCheckpoint> makeCheckpoint() const;
   void keepCheckpoint(boost::shared_ptr<const SimulationCheckpoint> checkpoint);
@@ -113,6 +130,7 @@ class SimulationNode {
   SimulationStats makeStats();
   template <typename Message>
   void stamp(Message& message) const;
+  ros::Time stampOf(std::uint64_t step) const;
   ros::Time stampNow() const;
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
 
@@ -122,6 +140,10 @@ class SimulationNode {
   int threads_ = 1;
   double real_time_factor_ = 1.0;
   bool publish_clock_ = false;
+  bool follow_clock_ = false;  // somebody else's
+  bool lockstep_ = false;      // wanted
+  int lockstep_tools_ = 1;
+  double lockstep_timeout_s_ = 5.0;
   double stop_after_s_ = 0.0;
 
   core::Scene scene_;
@@ -135,6 +157,7 @@ class SimulationNode {
   std::uint32_t published_revision_ = 0;
   std::uint64_t journaled_step_ = 0;
   ros::Time epoch_;
+  bool begun_ = false;  // the session has an epoch
   Every state_every_, patch_every_, key_frame_every_, checkpoint_every_, journal_every_, clock_every_, keep_every_;
 
   ros::Publisher scene_publisher_, volume_publisher_, topology_publisher_, state_publisher_, patch_publisher_;
@@ -150,6 +173,12 @@ class SimulationNode {
   std::vector<Input> inputs_;
   std::map<std::string, PatchRequest> patch_requests_;
   std::vector<std::function<void()>> commands_;
+  std::atomic<bool> in_lockstep_{false};
+  core::LockstepGate gate_;
+  core::LockstepInputs<Input> timed_inputs_;
+  std::uint64_t lockstep_session_ = 0;
+  std::string lockstep_end_;  // why it is to end
+  Clock::time_point progress_heard_;
 
   std::multimap<std::uint64_t, Input> later_;  // inputs for a stated step
   bool paused_ = false;

@@ -28,6 +28,7 @@
 #include "soft_volume/ros/device_buttons.h"
 #include "soft_volume/ros/haptic_loop.h"
 #include "soft_volume/ros/incident_log.h"
+#include "soft_volume/ros/lockstep_loop.h"
 #include "soft_volume/ros/operating_state.h"
 #include "soft_volume/scene/device_profile.h"
 #include "soft_volume/scene/scene.h"
@@ -43,7 +44,9 @@ namespace soft_volume {
 /// Private parameters: ~device (empty: a file of config/devices with limits, topics and the mapping of the workspace;
 /// without one poses are in the volume frame and the scene says what the device may render); ~rate_hz (the device's, or
 /// 1000); ~priority (50; of SCHED_FIFO); ~wall_timeout_s (0.25; with use_sim_time: a pose older than this by the wall
-/// clock is stale even though simulated time stands still).
+/// clock is stale even though simulated time stands still); ~lockstep (false: for repeatable runs, a tick for every
+/// sample in the order of stamps, see session/lockstep.h; the simulation needs it too); ~lockstep_timeout_s (2; wall
+/// time after which a silent device or simulation ends the lockstep).
 ///
 /// Threads: the haptic loop (haptic_loop.h) computes forces and waits for nothing; callbacks, from any threads, prepare
 /// what it needs, those of the device in a thread of their own; another one publishes what it gives. Poses age by the
@@ -63,8 +66,12 @@ class ToolNode {
     std::vector<core::ToolConfig> tools;
   };
 
+  void startLoop(const ros::NodeHandle& private_node);
+  void startLockstep(const ros::NodeHandle& private_node);
   void subscribe();
   void advertise();
+  core::DeviceTopics device() const;
+  bool forcesAllowed() const;
   void hearScene(const Scene::ConstPtr& message);
   void hearVolume(const Volume::ConstPtr& message);
   void hearTopology(const GridTopology::ConstPtr& message);
@@ -74,12 +81,13 @@ class ToolNode {
 
   // Need the lock of the scene.
   void makeRig();
-  core::ToolConfig forDevice(core::ToolConfig config, const core::WorkspaceMapping& mapping) const;
+  void giveHand();
   void forgetPatches();
   PatchParcel emptyParcel(std::size_t tool);
   void prepare(const core::GridPatch& patch, std::size_t tool);
 
   double poseDelay(const ros::Time& stamp) const;
+  std::string volumeFrame() const;
   std::string expectedFrame() const;
 
   // The publishing thread's.
@@ -89,13 +97,19 @@ class ToolNode {
   void publishState(const LoopTick& tick, const RigNotes& notes, const std_msgs::Header& header);
   std::shared_ptr<const RigNotes> notesOf(std::uint64_t generation);
 
+  // The lockstep's thread's.
+  void publishProgress(const core::ToolNotice& notice);
+  void leaveLockstep(std::uint64_t session, const std::string& reason);
+
   void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
   void summarize(diagnostic_updater::DiagnosticStatusWrapper& status, const LoopTick& tick) const;
+  void addLockstep(diagnostic_updater::DiagnosticStatusWrapper& status) const;
   void addLoop(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   ros::NodeHandle node_;
   std::optional<core::DeviceProfile> profile_;
-  ros::Publisher force_publisher_, cut_publisher_, state_publisher_, servo_publisher_;
+  double rate_hz_ = 1000.0;
+  ros::Publisher force_publisher_, cut_publisher_, state_publisher_, servo_publisher_, progress_publisher_;
   diagnostic_updater::Updater diagnostics_;
   ros::WallTimer diagnostics_timer_;
   IncidentLog incidents_;
@@ -104,10 +118,14 @@ class ToolNode {
   ros::NodeHandle device_handle_;
   std::unique_ptr<OperatingStateListener> operating_state_;
   std::unique_ptr<DeviceButtons> device_buttons_;
-  std::unique_ptr<HapticLoop> loop_;
+  std::unique_ptr<HapticLoop> loop_;  // one of these two
+  std::unique_ptr<LockstepLoop> lockstep_;
 
   std::mutex mutex_;  // guards what the scene made, below, and serialises what goes to the loop
   std::shared_ptr<const core::Scene> scene_;
+  std::uint64_t session_ = 0;  // of the scene
+  std::uint64_t volume_session_ = 0;
+  std::uint64_t hand_session_ = 0;  // that the lockstep's hand works in
   std::shared_ptr<const core::Volume> volume_;
   core::TopologyDecoder topologies_;
   std::uint64_t generation_ = 0;

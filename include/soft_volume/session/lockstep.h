@@ -176,13 +176,14 @@ class LockstepInputs {
   void add(std::int64_t stamp_ns, const std::string& tool_id, Kind kind, std::uint64_t sequence, Input input) {
     inputs_.emplace(Key{stamp_ns, tool_id, kind, sequence}, std::move(input));
   }
-  /// The next one that is stamped up to a time.
-  std::optional<Input> take(std::int64_t time_ns) {
-    if (inputs_.empty() || std::get<0>(inputs_.begin()->first) > time_ns)
-      return std::nullopt;
-    std::optional<Input> input(std::move(inputs_.begin()->second));
-    inputs_.erase(inputs_.begin());
-    return input;
+  /// Those that are stamped up to a time.
+  std::vector<Input> take(std::int64_t time_ns) {
+    std::vector<Input> taken;
+    while (!inputs_.empty() && std::get<0>(inputs_.begin()->first) <= time_ns) {
+      taken.push_back(std::move(inputs_.begin()->second));
+      inputs_.erase(inputs_.begin());
+    }
+    return taken;
   }
   std::size_t size() const { return inputs_.size(); }
   void clear() { inputs_.clear(); }
