@@ -1,11 +1,17 @@
 #include "bag_records.h"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <vector>
 
+#include "bag_file.h"
 #include "soft_volume/replay/replay_bag.h"
 
 namespace soft_volume {
@@ -23,12 +29,41 @@ constexpr std::uint64_t kLargestRatio = 256;
 
 using Fields = std::map<std::string, std::string>;
 
+bool exists(const std::string& path) {
+  std::error_code error;
+  return std::filesystem::is_regular_file(path, error);
+}
+
+/// Our recorder holds a lock on what it writes.
+bool isBeingWritten(const std::string& path) {
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0)
+    return false;
+  const bool locked = flock(file, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  close(file);
+  return locked;
+}
+
+/// What may be meant by a bag that is not there.
+std::string hint(const std::string& path) {
+  const std::string active = path + ".active";
+  if (exists(active) && isBeingWritten(active))
+    return "; a recorder is writing '" + active + "': stop it first (Ctrl-C or `rosnode kill`)";
+  if (exists(active)) {
+    return ", but its recorder was killed and left '" + active + "': run `rosbag reindex '" + active +
+           "'`, then give that file; all but the last second is in it";
+  }
+  if (exists(partFile(path, 0)))
+    return ", but it was recorded in parts: give one of them, such as '" + partFile(path, 0) + "'";
+  return "";
+}
+
 class RecordReader {
  public:
   explicit RecordReader(const std::string& path) : path_(path), file_(path, std::ios::binary) {
     std::error_code error;
     if (!std::filesystem::is_regular_file(path, error))
-      throw ReplayError(path + ": there is no such bag file");
+      throw ReplayError(path + ": there is no such bag file" + hint(path));
     size_ = std::filesystem::file_size(path, error);
     if (!file_ || error)
       throw ReplayError(path + ": the bag cannot be read");
@@ -71,8 +106,10 @@ class RecordReader {
     const auto index_position = number<std::uint64_t>(fields, "index_pos");
     skip(readNumber());
     if (index_position == 0) {
-      throw ReplayError(path_ + ": the bag has no index, its recorder was killed; run `rosbag reindex '" + path_ +
-                        "'` first");
+      throw ReplayError(path_ + (isBeingWritten(path_)
+                                     ? ": a recorder is writing this bag; stop it first (Ctrl-C or `rosnode kill`)"
+                                     : ": the bag has no index, its recorder was killed; run `rosbag reindex '" +
+                                           path_ + "'` first, which adds the index and keeps a copy as it was"));
     }
     if (index_position > size_)
       damaged("its index is missing");

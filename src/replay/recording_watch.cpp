@@ -42,17 +42,24 @@ std::string seconds(double duration_s) {
   return text;
 }
 
+std::string restoredFrom(const JournalEntry& entry) {
+  const auto checkpoint = fromPayload<SimulationCheckpoint>(entry.payload);
+  return "began where session " + std::to_string(checkpoint.session) + " was at step " +
+         std::to_string(checkpoint.step);
+}
+
 /// Where a run began, by the first journal message that was heard of it.
 std::string beginningOf(const SimulationJournal& journal) {
+  std::string beginning = journal.first_step == 0
+                              ? "began from rest"
+                              : "was met at step " + std::to_string(journal.first_step) + ", when it was under way";
   for (const JournalEntry& entry : journal.entries) {
-    if (entry.topic != topics::kRestoreCheckpoint || entry.outcome != JournalEntry::APPLIED)
-      continue;
-    const auto checkpoint = fromPayload<SimulationCheckpoint>(entry.payload);
-    return "began where session " + std::to_string(checkpoint.session) + " was at step " +
-           std::to_string(checkpoint.step);
+    if (entry.topic == topics::kRestoreCheckpoint && entry.outcome == JournalEntry::APPLIED)
+      beginning = restoredFrom(entry);
+    if (entry.topic == topics::kResume)
+      beginning += "; the simulation " + entry.reason;
   }
-  return journal.first_step == 0 ? "began from rest"
-                                 : "was met at step " + std::to_string(journal.first_step) + ", when it was under way";
+  return beginning;
 }
 
 }  // namespace

@@ -517,21 +517,31 @@ SessionReplay::Open SessionReplay::openTopology(const BagMessage& message) {
   }
   if (options_->measure)
     return {[] { return std::nullopt; }, &report_->topologies, {}, {}};
+  std::shared_ptr<const GridTopology> delta;
   if (recorded->delta) {
-    const auto header = recorded->header;
-    *recorded = toMessage(*recorded_topologies_.topology(), recorded->step);
-    recorded->header = header;
+    delta = std::make_shared<GridTopology>(*recorded);
+    *recorded = toMessage(*recorded_topologies_.topology(), delta->step);
+    recorded->header = delta->header;
   }
-  return {[this, recorded] { return compareTopology(*recorded); }, &report_->topologies, {}, {}};
+  return {[this, recorded, delta] { return compareTopology(*recorded, delta.get()); }, &report_->topologies, {}, {}};
 }
 
-SessionReplay::Outcome SessionReplay::compareTopology(const GridTopology& recorded) const {
+SessionReplay::Outcome SessionReplay::compareTopology(const GridTopology& recorded, const GridTopology* delta) const {
   GridTopology rebuilt = topologyMessage(*session_);
   rebuilt.header = recorded.header;
-  if (serialized(recorded) == serialized(rebuilt))
+  if (serialized(recorded) != serialized(rebuilt)) {
+    return difference("topology", "revision " + std::to_string(recorded.revision) +
+                                      ": the recorded topology differs in " + differentField(recorded, rebuilt));
+  }
+  // Not all that a delta says is needed for the grid that it leads to.
+  if (delta == nullptr)
     return std::nullopt;
-  return difference("topology", "revision " + std::to_string(recorded.revision) +
-                                    ": the recorded topology differs in " + differentField(recorded, rebuilt));
+  rebuilt = toMessage(session_->topologyChange(), delta->step);
+  rebuilt.header = delta->header;
+  if (rebuilt.base_revision != delta->base_revision || serialized(*delta) == serialized(rebuilt))
+    return std::nullopt;
+  return difference("topology", "revision " + std::to_string(delta->revision) + ": the recorded change differs in " +
+                                    differentField(*delta, rebuilt));
 }
 
 SessionReplay::Outcome SessionReplay::compareCheckpoint(const BagMessage& message) const {

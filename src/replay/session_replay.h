@@ -85,7 +85,8 @@ class SessionReplay {
   Open openState(const BagMessage& message, const BagMessage* previous);
   Open openMeasuredState(const std::shared_ptr<const GridState>& state);
   Open openFrame(const BagMessage& message);
-  Outcome compareTopology(const GridTopology& recorded) const;
+  /// `delta` is what the recorded topology came as; null where it came as a whole.
+  Outcome compareTopology(const GridTopology& recorded, const GridTopology* delta) const;
   Outcome compareCheckpoint(const BagMessage& message) const;
   Outcome compareFrame(const BagMessage& message);
 

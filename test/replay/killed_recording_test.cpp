@@ -122,6 +122,33 @@ std::uint64_t replayedTo(const std::string& bag) {
   return last;
 }
 
+std::string toldOf(const std::string& bag) {
+  const ProgramResult result = replay(bag);
+  EXPECT_EQ(result.code, 2) << result.output;
+  return result.output;
+}
+
+TEST(KilledRecording, TheReplaySaysWhatToDo) {
+  const TestFolder folder;
+  const std::string bag = folder / "run.bag";
+  BagRecorderSettings settings;
+  settings.file = bag;
+  settings.reserve_bytes = 1 << 20;
+  {
+    BagRecorder recorder(settings);
+    EXPECT_NE(toldOf(bag).find("stop it first"), std::string::npos);
+    EXPECT_NE(toldOf(bag + ".active").find("stop it first"), std::string::npos);
+    fs::copy_file(bag + ".active", bag + ".copy");
+  }
+  fs::rename(bag + ".copy", bag + ".active");
+  EXPECT_NE(toldOf(bag + ".active").find("`rosbag reindex '" + bag + ".active'`"), std::string::npos);
+  fs::remove(bag);
+  EXPECT_NE(toldOf(bag).find("`rosbag reindex '" + bag + ".active'`"), std::string::npos);
+  fs::remove(bag + ".active");
+  fs::copy_file("/proc/self/exe", folder / "run_0.bag");
+  EXPECT_NE(toldOf(bag).find("such as '" + (folder / "run_0.bag") + "'"), std::string::npos);
+}
+
 /// SOFT_VOLUME_KILLS says how many recordings are killed.
 TEST(KilledRecording, LosesAtMostASecond) {
   const char* const wanted = std::getenv("SOFT_VOLUME_KILLS");
