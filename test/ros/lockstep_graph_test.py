@@ -4,12 +4,15 @@
 import json
 import os
 import subprocess
+import xmlrpc.client
 
 import rosbag
+import rosgraph
 import rospy
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from sensor_msgs.msg import Joy
 from soft_volume.msg import JournalEntry, RecorderStatus, SimulationJournal, ToolCut, ToolForce, ToolState
+from std_srvs.srv import SetBool
 
 import graph
 import phantom
@@ -81,6 +84,17 @@ def input_of(entry):
   return message.tool_id, message.header.stamp.to_nsec(), str(message)
 
 
+def connections(node):
+  """Topics that a node gets from the player, over connections that stand."""
+  master = rosgraph.Master(rospy.get_name())
+  try:
+    player = master.lookupNode('/player')
+  except rosgraph.MasterError:
+    return set()
+  links = xmlrpc.client.ServerProxy(master.lookupNode(node)).getBusInfo(rospy.get_name())[2]
+  return {link[4] for link in links if link[1] == player and link[2] == 'i' and link[5]}
+
+
 class Load:
   """Keeps a core busy."""
 
@@ -117,12 +131,22 @@ class PlayingTest(graph.GraphTest):
     journals.connect()
     return journals, [tool, simulation, recorder]
 
+  def startPlayer(self, rate):
+    """A player whose listeners are connected: what it plays before is lost to them."""
+    player = subprocess.Popen(graph.dying_with_us('KILL') + ['rosbag', 'play', '--quiet', '--clock', '--hz=1000', '--pause',
+                                                             '--queue=10000', '--rate=%g' % rate, self.device,
+                                                             '__name:=player'],
+                              stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    self.addCleanup(player.wait)
+    self.addCleanup(player.kill)
+    for node in '/tool', '/recorder':
+      graph.wait_until(lambda: {'/measured_cp', '/measured_cv', '/joy'} <= connections(node), 'connections of ' + node)
+    self.assertTrue(self.call('player/pause_playback', SetBool, False).success)
+    return player
+
   def play(self, rate):
     """Blocks until the device has been played."""
-    subprocess.run(graph.dying_with_us('KILL') + ['rosbag', 'play', '--quiet', '--clock', '--hz=1000',
-                                                  '--wait-for-subscribers', '--queue=10000', '--rate=%g' % rate,
-                                                  self.device],
-                   stdout=subprocess.DEVNULL, stderr=subprocess.STDOUT, check=True, timeout=60)
+    self.assertEqual(self.startPlayer(rate).wait(timeout=60), 0)
 
   def stop(self, nodes):
     for node in nodes:
@@ -190,9 +214,7 @@ class LockstepTest(PlayingTest):
   def testADeviceThatFallsSilentEndsTheLockstepAndThePush(self):
     states = self.listen('tool/state', ToolState, keep=100000)
     journals, nodes = self.startNodes('run.bag', lockstep='true')
-    player = subprocess.Popen(graph.dying_with_us('KILL') + ['rosbag', 'play', '--quiet', '--clock',
-                                                             '--wait-for-subscribers', self.device],
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    player = self.startPlayer(rate=1)
     states.wait(lambda s: s.device_force.z > 0.2, 'push')
     player.kill()
     player.wait()
