@@ -268,6 +268,7 @@ def print_summary(summary, replay, moments, folder):
 Look at:
   {os.path.join(folder, 'contact_sheet.png')}   ({', '.join(caption for caption, _ in moments)})
   {os.path.join(folder, 'demo.mp4')}
+  {os.path.join(folder, 'report.html')}
   {os.path.join(folder, 'frames')}
   {os.path.join(folder, 'summary.json')}
   {os.path.join(folder, 'demo.bag')}""")

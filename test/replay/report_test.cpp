@@ -93,6 +93,7 @@ TEST_F(Report, OfARecordingAloneShowsIt) {
   expectComplete(html);
   EXPECT_NE(html.find("<b>A recording; nothing was compared</b>"), std::string::npos);
   EXPECT_EQ(countOf(html, "data:image/png"), 0U);
+  EXPECT_NE(html.find("<td>tool/force</td><td>refused: "), std::string::npos) << "a force that was not a number";
 }
 
 /// What a bag says is shown, and never taken for html.

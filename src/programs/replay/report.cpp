@@ -2,6 +2,7 @@
 
 #include <soft_volume/RecorderEvent.h>
 #include <soft_volume/RecordingInfo.h>
+#include <soft_volume/ToolState.h>
 #include <stdlib.h>
 
 #include <algorithm>
@@ -9,6 +10,8 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <map>
+#include <utility>
 
 #include "findings.h"
 #include "report_curves.h"
@@ -307,7 +310,7 @@ void addPlots(const std::vector<ReportedRun>& runs, const Findings& f, const std
 }
 
 std::string figure(const std::string& uri, const std::string& caption) {
-  return "<figure><figcaption>" + caption + "</figcaption><img alt=\"" + caption + "\" src=\"" + uri + "\"></figure>\n";
+  return "<figure><img alt=\"picture\" src=\"" + uri + "\"><figcaption>" + caption + "</figcaption></figure>\n";
 }
 
 std::string jpegUri(const core::Image& image) {
@@ -322,42 +325,45 @@ std::string differenceText(const core::ImageDifference& d, std::size_t pixels) {
          " % of pixels";
 }
 
-std::string tripletHtml(const FrameTriplet& t, int scale, const std::string& folder) {
-  std::string html = "<p class=\"moment\">" + escaped(t.caption) + "</p>\n";
+/// Colours and what they mean.
+std::string scaleHtml(int scale) {
+  return "<br>0 <span class=\"scale\" style=\"background: " + scaleGradient() + "\"></span> " + std::to_string(scale) +
+         " levels" + (scale < 255 ? " or more" : "") + " (amplified " + number(255.0 / scale) + " times)";
+}
+
+std::string differenceHtml(const FrameTriplet& t, const std::string& folder) {
+  const int scale = differenceScale(t);
+  const std::string path = folder + "/difference.png";
+  core::writePng(path, differenceMap(t.first, t.second, scale));
+  const std::string text = differenceText(*t.difference, t.first.rgb.size() / 3);
+  return figure(dataUri("image/png", readBytesOf(path)), t.difference->pixels == 0 ? text : text + scaleHtml(scale));
+}
+
+std::string tripletHtml(const FrameTriplet& t, const std::string& folder) {
   const int columns = t.difference ? 3 : t.second.rgb.empty() ? 1 : 2;
-  html += "<div class=\"frames\" style=\"grid-template-columns: repeat(" + std::to_string(columns) + ", minmax(0, " +
-          (columns == 1 ? "520px" : "1fr") + "))\">\n" + figure(jpegUri(t.first), escaped(t.first_name));
+  std::string html = "<p class=\"moment\">" + escaped(t.caption) +
+                     "</p>\n<div class=\"frames\" style=\"grid-template-columns: repeat(" + std::to_string(columns) +
+                     ", minmax(0, " + (columns == 1 ? "520px" : "1fr") + "))\">\n";
+  html += figure(jpegUri(t.first), escaped(t.first_name));
   if (!t.second.rgb.empty())
     html += figure(jpegUri(t.second), escaped(t.second_name));
-  if (t.difference) {
-    const std::string path = folder + "/difference.png";
-    core::writePng(path, differenceMap(t.first, t.second, scale));
-    html += figure(dataUri("image/png", readBytesOf(path)), differenceText(*t.difference, t.first.rgb.size() / 3));
-  }
+  if (t.difference)
+    html += differenceHtml(t, folder);
   return html + "</div>\n";
 }
 
 void addTriplets(const std::vector<FrameTriplet>& triplets, const std::string& folder, Page& page) {
   page.addHeading("Frames");
-  if (triplets.empty()) {
+  if (triplets.empty())
     page.addText("The bag holds no frames.");
-    return;
-  }
-  const int scale = differenceScale(triplets);
-  const bool compared = std::any_of(triplets.begin(), triplets.end(), [](const auto& t) { return t.difference; });
-  if (compared) {
-    page.addHtml(
-        "<div class=\"bar\">Colours of the differences (largest of a pixel's three channels): 0 <span "
-        "class=\"scale\" style=\"background: " +
-        scaleGradient() + "\"></span> " + std::to_string(scale) + " of 255 levels" + (scale < 255 ? " or more" : "") +
-        "; amplified " + number(255.0 / scale) + " times.</div>\n");
-  }
+  else if (std::any_of(triplets.begin(), triplets.end(), [](const auto& t) { return t.difference.has_value(); }))
+    page.addText("Differences are those of the channel that differs most; their colours have a scale for each frame.");
   for (const FrameTriplet& triplet : triplets)
-    page.addHtml(tripletHtml(triplet, scale, folder));
+    page.addHtml(tripletHtml(triplet, folder));
 }
 
 std::string momentCaption(const RecordedFrame& frame, const std::string& what) {
-  return number(frame.time_s, 5) + " s, step " + count(frame.stats.step) + ", camera " + frame.stats.camera + ": " +
+  return number(frame.time_s, 5) + " s, step " + count(frame.stats.step) + ", seen by " + frame.stats.camera + ": " +
          what;
 }
 
@@ -401,6 +407,8 @@ std::vector<FrameTriplet> drawnTriplets(const std::vector<ReportedRun>& runs, co
     FrameTriplet triplet;
     triplet.caption = momentCaption(frame, moment.caption);
     triplet.first_name = run.hasImage(moment.frame) ? "recorded" : "recorded state, drawn again";
+    if (second != nullptr && runs[0].name != "recorded")
+      triplet.first_name = runs[0].name + ", " + triplet.first_name;
     triplet.first = firstImage(run, moment.frame, first);
     if (triplet.first.rgb.empty())
       continue;
@@ -421,7 +429,53 @@ std::string eventKind(std::uint8_t kind) {
   return kind < 7 ? kKinds[kind] : std::to_string(kind);
 }
 
-void addIncidents(const std::vector<const RecordedBag*>& bags, const Findings& f, Page& page) {
+/// Faults and trips of tools, and refused inputs: how often each, and when first.
+class Troubles {
+ public:
+  void add(const std::string& who, const std::string& text, double time_s) {
+    Trouble& trouble = troubles_[{who, text}];
+    trouble.first_s = trouble.times++ == 0 ? time_s : std::min(trouble.first_s, time_s);
+  }
+  void addTo(std::vector<Page::Row>& rows) const {
+    for (const auto& [what, trouble] : troubles_)
+      rows.push_back(
+          {{escaped(what.first), escaped(what.second), number(trouble.first_s, 5) + " s", count(trouble.times)}, ""});
+  }
+
+ private:
+  struct Trouble {
+    double first_s = 0.0;
+    std::uint64_t times = 0;
+  };
+  std::map<std::pair<std::string, std::string>, Trouble> troubles_;
+};
+
+void addTroubles(const std::vector<ReportedRun>& runs, Page& page) {
+  std::vector<Page::Row> rows;
+  for (const ReportedRun& reported : runs) {
+    const RecordedRun& run = *reported.run;
+    const std::string prefix = reported.name.empty() ? "" : reported.name + ": ";
+    Troubles troubles;
+    for (const auto& recorded : run.messages<ToolState>()) {
+      const ToolState& tool = recorded.message;
+      const std::string text = tool.tripped ? "tripped: " + tool.trip_reason : tool.fault;
+      if (!text.empty())
+        troubles.add(prefix + "tool " + tool.tool_id, text, run.timeOf(tool.header.stamp));
+    }
+    for (const RecordedEntry& recorded : run.entries()) {
+      if (recorded.entry.outcome == JournalEntry::REFUSED)
+        troubles.add(prefix + recorded.entry.topic, "refused: " + recorded.entry.reason, recorded.time_s);
+    }
+    troubles.addTo(rows);
+  }
+  if (rows.empty())
+    page.addText("No tool told of a fault, and no input was refused.");
+  else
+    page.addTable({"Who", "Fault or refusal", "first at", "messages"}, rows, 2);
+}
+
+void addIncidents(const std::vector<const RecordedBag*>& bags, const std::vector<ReportedRun>& runs, const Findings& f,
+                  Page& page) {
   page.addHeading("What the recording tells of itself");
   std::vector<Page::Row> rows;
   for (const RecordedBag* bag : bags) {
@@ -434,6 +488,7 @@ void addIncidents(const std::vector<const RecordedBag*>& bags, const Findings& f
     page.addText("The recorder told of no events: nothing is known of restarts, losses and silences.");
   else
     page.addTable({"", "Event", "", "at step", "noticed at [s]"}, rows, 3);
+  addTroubles(runs, page);
   std::vector<std::string> notes = f.notes;
   const auto append = [&notes](const std::vector<std::string>& more) {
     notes.insert(notes.end(), more.begin(), more.end());
@@ -501,7 +556,7 @@ void addRuns(const Arguments& arguments, const Findings& findings, const std::st
   addTriplets(findings.replayed_frames.empty() || other ? drawnTriplets(runs, findings, arguments.threads)
                                                         : findings.replayed_frames,
               folder, page);
-  addIncidents(bags, findings, page);
+  addIncidents(bags, runs, findings, page);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 
+#include "report_frames.h"
 #include "soft_volume/messages/conversions.h"
 
 namespace soft_volume::replay_program {
@@ -27,14 +28,8 @@ void addDisplacement(const ReportedRun& reported, Plot& plot) {
   const RecordedRun& run = *reported.run;
   Curve curve = newCurve(reported, "", 0);
   for (std::size_t n = 0; n < run.states().size(); ++n) {
-    const auto topology = run.hasPositions(n) ? run.topology(run.states()[n].revision) : nullptr;
-    if (topology == nullptr)
-      continue;
-    const std::vector<core::Vector3f> positions = run.positions(n);
-    float largest = 0.0F;
-    for (std::size_t v = 0; v < positions.size(); ++v)
-      largest = std::max(largest, (positions[v] - topology->rest_positions[v]).squaredNorm());
-    curve.add(reported.begin_s + run.states()[n].time_s, 1e3 * std::sqrt(double(largest)));
+    if (const std::optional<double> largest_m = largestDisplacement(run, n))
+      curve.add(reported.begin_s + run.states()[n].time_s, 1e3 * *largest_m);
   }
   plot.curves.push_back(std::move(curve));
 }
@@ -42,8 +37,13 @@ void addDisplacement(const ReportedRun& reported, Plot& plot) {
 /// A curve for each name, in the order of the names.
 class NamedCurves {
  public:
-  explicit NamedCurves(const ReportedRun& run) : run_(&run) {}
+  explicit NamedCurves(const ReportedRun& run)
+      : run_(&run), end_s_(run.run->states().empty() ? HUGE_VAL : run.run->states().back().time_s) {}
+  /// Messages may hold any number, and a stamp of zero or of another clock.
   void add(const std::string& name, double time_s, double value) {
+    const bool within = time_s > -kMargin_s && time_s < end_s_ + kMargin_s;
+    if (!within || !std::isfinite(value))
+      return;
     const auto curve = curves_.emplace(name, newCurve(*run_, name, int(curves_.size()))).first;
     curve->second.add(run_->begin_s + time_s, value);
   }
@@ -53,7 +53,9 @@ class NamedCurves {
   }
 
  private:
+  static constexpr double kMargin_s = 1.0;
   const ReportedRun* run_;
+  double end_s_;
   std::map<std::string, Curve> curves_;
 };
 

@@ -37,24 +37,13 @@ int pixelDifference(const core::Image& a, const core::Image& b, std::size_t pixe
   return largest;
 }
 
-double largestDisplacement(const RecordedRun& run, std::size_t state) {
-  const auto topology = run.hasPositions(state) ? run.topology(run.states()[state].revision) : nullptr;
-  if (topology == nullptr)
-    return 0.0;
-  const std::vector<core::Vector3f> positions = run.positions(state);
-  float largest = 0.0F;
-  for (std::size_t v = 0; v < positions.size(); ++v)
-    largest = std::max(largest, (positions[v] - topology->rest_positions[v]).squaredNorm());
-  return std::sqrt(double(largest));
-}
-
 std::optional<double> timeOfLargestDisplacement(const RecordedRun& run) {
   std::optional<double> time_s;
   double largest = 0.0;
   for (std::size_t n = 0; n < run.states().size(); ++n) {
-    const double displacement = largestDisplacement(run, n);
-    if (displacement > largest) {
-      largest = displacement;
+    const std::optional<double> displacement = largestDisplacement(run, n);
+    if (displacement && *displacement > largest) {
+      largest = *displacement;
       time_s = run.states()[n].time_s;
     }
   }
@@ -99,6 +88,19 @@ std::size_t nearestFrame(const RecordedRun& run, double time_s) {
 }
 
 }  // namespace
+
+std::optional<double> largestDisplacement(const RecordedRun& run, std::size_t state) {
+  const auto topology = run.hasPositions(state) ? run.topology(run.states()[state].revision) : nullptr;
+  if (topology == nullptr)
+    return std::nullopt;
+  const std::vector<core::Vector3f> positions = run.positions(state);
+  if (positions.size() != topology->vertexCount())
+    return std::nullopt;
+  float largest = 0.0F;
+  for (std::size_t v = 0; v < positions.size(); ++v)
+    largest = std::max(largest, (positions[v] - topology->rest_positions[v]).squaredNorm());
+  return std::sqrt(double(largest));
+}
 
 std::vector<Moment> chooseMoments(const RecordedRun& run, std::optional<double> worst_s) {
   if (run.frames().empty())
@@ -179,23 +181,17 @@ std::vector<FrameTriplet> ReplayedFrames::take() {
   return triplets;
 }
 
-/// All but one pixel in 200 are below it, so that a single one does not hide what others show.
-int differenceScale(const std::vector<FrameTriplet>& triplets) {
-  int scale = 4;
-  for (const FrameTriplet& triplet : triplets) {
-    if (!triplet.difference || triplet.difference->pixels == 0)
-      continue;
-    std::array<std::size_t, 256> counts{};
-    for (std::size_t pixel = 0; pixel < triplet.first.rgb.size() / 3; ++pixel)
-      ++counts[std::size_t(pixelDifference(triplet.first, triplet.second, pixel))];
-    std::size_t above = 0;
-    int level = 255;
-    while (level > 0 && above + counts[std::size_t(level)] <= triplet.difference->pixels / 200)
-      above += counts[std::size_t(level--)];
-    scale = std::max(scale, level);
-  }
+/// All but one in 200 of the pixels that differ are below it, so that a single one does not hide what others show.
+int differenceScale(const FrameTriplet& triplet) {
+  std::array<std::size_t, 256> counts{};
+  for (std::size_t pixel = 0; pixel < triplet.first.rgb.size() / 3; ++pixel)
+    ++counts[std::size_t(pixelDifference(triplet.first, triplet.second, pixel))];
+  std::size_t above = 0;
+  int level = 255;
+  while (level > 0 && above + counts[std::size_t(level)] <= triplet.difference->pixels / 200)
+    above += counts[std::size_t(level--)];
   for (const int round : {4, 8, 16, 32, 64, 128}) {
-    if (scale <= round)
+    if (level <= round)
       return round;
   }
   return 255;

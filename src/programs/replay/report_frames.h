@@ -13,6 +13,9 @@
 
 namespace soft_volume::replay_program {
 
+/// Of a vertex from its place at rest, metres; nothing where the state cannot be put together.
+std::optional<double> largestDisplacement(const RecordedRun& run, std::size_t state);
+
 /// A frame of the recording that a report shows.
 struct Moment {
   std::size_t frame = 0;  ///< of the run
@@ -48,8 +51,8 @@ class ReplayedFrames {
   std::optional<Kept> worst_;
 };
 
-/// The largest level of a colour scale on which the differences of all triplets can be told apart.
-int differenceScale(const std::vector<FrameTriplet>& triplets);
+/// The largest level of a colour scale for the difference of a triplet that has one.
+int differenceScale(const FrameTriplet& triplet);
 
 /// The largest difference of a pixel's channels as a colour: white none, dark red `scale` levels or more.
 core::Image differenceMap(const core::Image& first, const core::Image& second, int scale);

@@ -37,8 +37,7 @@ code { font: 12.5px/1.4 "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; 
 .frames img { width: 100%; display: block; border: 1px solid #d7dce3; }
 .frames figcaption { font-size: 13px; color: #3c4654; padding: 3px 0; }
 .moment { font-weight: 600; margin: 18px 0 -8px; }
-.bar { display: flex; align-items: center; gap: 10px; font-size: 13px; margin: 12px 0; }
-.bar span.scale { display: inline-block; width: 280px; height: 14px; border: 1px solid #8a94a3; }
+span.scale { display: inline-block; width: 130px; height: 11px; border: 1px solid #8a94a3; vertical-align: -1px; }
 li { overflow-wrap: anywhere; }
 footer { margin-top: 40px; font-size: 12.5px; color: #6b7584; }
 )";
