@@ -74,6 +74,7 @@ class SessionReplay {
   void checkRange(const BagMessage& message, const SimulationJournal& journal);
   void applyEntry(const JournalEntry& entry);
   void checkInput(const JournalEntry& entry);
+  bool recorderMissed(const std::string& topic) const;
   void checkVerdict(const JournalEntry& recorded, const JournalEntry& again);
   void advanceTo(std::uint64_t step);
   void enterStep();

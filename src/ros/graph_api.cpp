@@ -114,6 +114,19 @@ std::optional<Registrations> master_api::registrations() {
   return known;
 }
 
+std::set<std::string> master_api::subscribers(const std::string& topic) {
+  std::set<std::string> names;
+  auto state = callMaster("getSystemState", arguments());
+  if (!state || state->size() != 3)
+    return names;
+  XmlRpcValue& list = (*state)[1];
+  for (int n = 0; n < list.size(); ++n) {
+    for (int node = 0; std::string(list[n][0]) == topic && node < list[n][1].size(); ++node)
+      names.insert(std::string(list[n][1][node]));
+  }
+  return names;
+}
+
 bool master_api::registerPublisher(const std::string& topic, const std::string& type) {
   return callMaster("registerPublisher", arguments(topic, type, ownUri())).has_value();
 }

@@ -18,6 +18,7 @@
 #include <future>
 #include <utility>
 
+#include "graph_api.h"
 #include "soft_volume/messages/conversions.h"
 #include "soft_volume/messages/topics.h"
 #include "soft_volume/ros/checked_subscription.h"
@@ -32,6 +33,7 @@ constexpr double kToolSilence_s = 0.5;
 constexpr double kJournalInterval_s = 0.02;
 /// A resumed run repeats what came after the checkpoint, so this is how long that takes at most.
 constexpr double kKeepInterval_s = 2.0;
+const ros::WallDuration kListenerWait(2.0);
 /// With simulated time the simulation runs at most this far ahead of the tools, well below the age at which a tool
 /// takes a pose for stale; a tool that stays behind for longer than the timeout is not waited for any more.
 constexpr double kToolLead_s = 0.01;
@@ -86,7 +88,9 @@ SimulationNode::SimulationNode(const ros::NodeHandle& node, const ros::NodeHandl
   if (!resume_file.empty())
     resume_file_ = std::make_unique<ResumeFile>(resume_file);
   advertise();
+  waitForListeners();
   startOrResume();
+  advertiseServices();
   subscribe();
   diagnostics_.setHardwareID("none");
   diagnostics_.add("simulation", this, &SimulationNode::diagnose);
@@ -102,6 +106,15 @@ SimulationNode::~SimulationNode() {
   // A nodelet is also destroyed when its loader was killed: then another one goes on.
   if (resume_file_ && (stopRequested() != 0 || !ros::ok()))
     resume_file_->remove();
+}
+
+/// The journal is not latched, and who misses its beginning cannot replay the session: those that are there already,
+/// because this is not their first simulation, are to be connected.
+void SimulationNode::waitForListeners() const {
+  const std::size_t listeners = master_api::subscribers(journal_publisher_.getTopic()).size();
+  const ros::WallTime end = ros::WallTime::now() + kListenerWait;
+  while (journal_publisher_.getNumSubscribers() < listeners && ros::WallTime::now() < end)
+    ros::WallDuration(0.01).sleep();
 }
 
 /// What a killed simulation kept, brought to its last journaled state. What cannot be used is set aside and told.
@@ -168,12 +181,23 @@ void SimulationNode::advertise() {
   const auto joined = [this](const ros::SingleSubscriberPublisher&) { key_frame_wanted_ = true; };
   state_publisher_ = node_.advertise<GridState>(topics::kState, 100, joined);
   patch_publisher_ = node_.advertise<GridPatch>(topics::kPatch, lockstep_ ? kLockstepQueue : 100);
-  journal_publisher_ = node_.advertise<SimulationJournal>(topics::kJournal, 1000);
+  // Who comes later can replay from a checkpoint on.
+  const auto journal_joined = [this](const ros::SingleSubscriberPublisher&) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    commands_.emplace_back([this] {
+      publishJournal();
+      publishCheckpoint();
+    });
+    wake_.notify_all();
+  };
+  journal_publisher_ = node_.advertise<SimulationJournal>(topics::kJournal, 1000, journal_joined);
   checkpoint_publisher_ = node_.advertise<SimulationCheckpoint>(topics::kCheckpoint, 1, true);
   stats_publisher_ = node_.advertise<SimulationStats>(topics::kSimulationStats, 10, true);
   if (publish_clock_)
     clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>("/clock", 100);
+}
 
+void SimulationNode::advertiseServices() {
   using Trigger = std_srvs::Trigger;
   using Ok = bool;
   services_.push_back(node_.advertiseService<Trigger::Request, Trigger::Response>(

@@ -81,9 +81,11 @@ class SimulationNode {
   };
 
   void advertise();
+  void advertiseServices();
   void subscribe();
   void setRates();
   Every every(double interval_s) const;
+  void waitForListeners() const;
   std::optional<ResumedRun> keptRun();
   void startOrResume();
 
