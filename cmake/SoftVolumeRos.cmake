@@ -18,9 +18,12 @@ catkin_package(
   LIBRARIES soft_volume_core soft_volume_render soft_volume_messages soft_volume_replay_core soft_volume_ros
   CATKIN_DEPENDS diagnostic_updater dynamic_reconfigure geometry_msgs image_transport message_runtime nodelet pluginlib
                  rosbag_storage roscpp rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools
-  DEPENDS EIGEN3)
+  DEPENDS EIGEN3
+  CFG_EXTRAS soft_volume_bag_test.cmake)
 
 set(SOFT_VOLUME_BIN_DIR ${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION})
+set(SOFT_VOLUME_BAG_TEST_PROGRAMS ${SOFT_VOLUME_BIN_DIR})
+include(${CMAKE_CURRENT_LIST_DIR}/soft_volume_bag_test.cmake)
 
 # soft_volume_ros_library(NAME): a library of ours that uses ROS.
 function(soft_volume_ros_library name)

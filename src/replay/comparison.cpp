@@ -431,9 +431,10 @@ class RunComparison {
   }
 
   /// Statistics come by wall time, at any step: between those of the second run they are interpolated, and only what
-  /// both tell of one step decides whether they are identical.
+  /// both tell of one step decides whether they are identical. Without such a step nothing does.
   void compareStat(ComparedQuantity made, Member member) {
     bool identical = true;
+    std::size_t same_steps = 0;
     const auto& others = second_.stats();
     for (const SimulationStats& stats : first_.stats()) {
       const double time_s = stats.simulation_time - shift_s_;
@@ -447,11 +448,13 @@ class RunComparison {
         const double weight = (time_s - before->simulation_time) / (after->simulation_time - before->simulation_time);
         value = member(*before) + weight * (value - member(*before));
       } else {
+        ++same_steps;
         identical = identical && member(stats) == value;
       }
       made.addValues(stats.simulation_time, member(stats), value, std::abs(member(stats) - value));
     }
-    made.identical = identical;
+    made.reproducible = made.reproducible && same_steps > 0;
+    made.identical = same_steps > 0 ? identical : made.largest == 0.0;
     keep(std::move(made));
   }
 
