@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -16,12 +18,14 @@
 #include "quantity_json.h"
 #include "soft_volume/messages/journal.h"
 #include "soft_volume/messages/topics.h"
+#include "soft_volume/replay/state_renderer.h"
 
 namespace soft_volume {
 namespace {
 
 constexpr double kSameTime_s = 1e-6;
 constexpr double kSameFrame_s = 1e-3;
+constexpr double kDrawnApart_s = 5e-3;
 /// Frames take longest to compare; for the progress only.
 constexpr double kFrameWork = 4.0;
 
@@ -149,11 +153,12 @@ std::vector<std::string> sceneChanges(const std::string& first, const std::strin
 /// Compares one session of two bags.
 class RunComparison {
  public:
-  RunComparison(const RecordedRun& first, const RecordedRun& second, std::size_t run, Comparison& comparison,
-                std::function<void(double)> advance)
+  RunComparison(const RecordedRun& first, const RecordedRun& second, std::size_t run, const ComparisonOptions& options,
+                Comparison& comparison, std::function<void(double)> advance)
       : first_(first),
         second_(second),
         run_(run),
+        options_(options),
         comparison_(comparison),
         advance_(std::move(advance)),
         shift_s_(shiftBetween(first, second)) {}
@@ -364,11 +369,10 @@ class RunComparison {
   void compareFrames() {
     std::map<std::string, std::pair<ComparedQuantity, ComparedQuantity>> cameras;
     std::vector<bool> used(second_.frames().size(), false);
-    std::uint64_t images = 0;
+    const std::size_t drawn_every = drawnEvery();
     for (std::size_t n = 0; n < first_.frames().size(); ++n, advance_(kFrameWork)) {
       if (!first_.hasImage(n))
         continue;
-      ++images;
       const RecordedFrame& frame = first_.frames()[n];
       const std::string& camera = frame.stats.camera;
       auto& made = cameras
@@ -376,19 +380,67 @@ class RunComparison {
                                     quantity("ssim", camera, "frames, structural similarity", "", run_))
                        .first->second;
       const std::size_t other = counterpart(frame, used);
-      if (other == second_.frames().size()) {
-        leaveOut(made, "without a frame of the same camera and time in the second bag");
-      } else {
+      if (other < second_.frames().size()) {
         compareImages(first_.image(n), second_.image(other), frame.time_s, made);
+      } else if (const auto drawn = drawn_every > 0 && n % drawn_every == 0 ? drawSecond(frame) : std::nullopt) {
+        compareImages(first_.image(n), *drawn, frame.time_s, made);
+      } else {
+        leaveOut(made, drawn_every > 0 ? "that the second bag does not hold and that were not drawn"
+                                       : "without a frame of the same camera and time in the second bag");
       }
     }
-    const auto recorded = std::count(used.begin(), used.end(), true);
-    if (images > 0 && recorded == 0)
-      note("no frames are compared: the second bag holds none of the same times");
+    tellFrames(cameras.empty());
     for (auto& camera : cameras) {
       keep(std::move(camera.second.first));
       keep(std::move(camera.second.second));
     }
+  }
+
+  /// Every so many of the first run's frames are drawn from the second one's states, which holds no images; 0: none.
+  std::size_t drawnEvery() const {
+    for (std::size_t n = 0; n < second_.frames().size(); ++n) {
+      if (second_.hasImage(n))
+        return 0;
+    }
+    const std::size_t most = options_.most_drawn_frames;
+    return most == 0 ? 0 : std::max<std::size_t>(1, (first_.frames().size() + most - 1) / most);
+  }
+
+  void tellFrames(bool none_recorded) {
+    if (drawn_frames_ > 0) {
+      char text[160];
+      std::snprintf(
+          text, sizeof(text),
+          "the second bag holds no images: %zu were drawn from its states, up to %.2g ms beside the frame's time",
+          drawn_frames_, 1e3 * drawn_apart_s_);
+      note(text);
+    } else if (!none_recorded && second_.frames().empty()) {
+      note("no frames are compared: the second bag holds none");
+    }
+  }
+
+  /// What a frame of the first run would show of the second one, from its nearest state.
+  std::optional<core::Image> drawSecond(const RecordedFrame& frame) {
+    const auto& states = second_.states();
+    const double time_s = frame.time_s - shift_s_;
+    const auto nearest = std::min_element(states.begin(), states.end(), [time_s](const auto& a, const auto& b) {
+      return std::abs(a.time_s - time_s) < std::abs(b.time_s - time_s);
+    });
+    const double apart_s = std::abs(nearest->time_s - time_s);
+    if (apart_s > kDrawnApart_s)
+      return std::nullopt;
+    if (!first_renderer_) {
+      first_renderer_ = std::make_unique<StateRenderer>(first_, options_.threads);
+      second_renderer_ = std::make_unique<StateRenderer>(second_, options_.threads);
+    }
+    const auto camera = first_renderer_->cameraOf(frame);
+    const auto state = static_cast<std::size_t>(nearest - states.begin());
+    if (!camera || !second_renderer_->canDraw(state))
+      return std::nullopt;
+    ++drawn_frames_;
+    drawn_apart_s_ = std::max(drawn_apart_s_, apart_s);
+    return second_renderer_->draw(state, first_renderer_->settingsOf(frame), frame.stats.settings, *camera,
+                                  frame.stats.coarseness);
   }
 
   static void leaveOut(std::pair<ComparedQuantity, ComparedQuantity>& made, const char* reason) {
@@ -461,12 +513,17 @@ class RunComparison {
   const RecordedRun& first_;
   const RecordedRun& second_;
   std::size_t run_;
+  const ComparisonOptions& options_;
   Comparison& comparison_;
   std::function<void(double)> advance_;
   double shift_s_;
   std::pair<double, double> areas_;
   std::pair<double, double> parts_;
   std::uint64_t interpolated_ = 0;
+  std::unique_ptr<StateRenderer> first_renderer_;
+  std::unique_ptr<StateRenderer> second_renderer_;
+  std::size_t drawn_frames_ = 0;
+  double drawn_apart_s_ = 0.0;
 };
 
 using Runs = std::vector<const RecordedRun*>;
@@ -512,7 +569,8 @@ bool Comparison::identical() const {
          });
 }
 
-Comparison compareBags(const RecordedBag& first, const RecordedBag& second, const ReplayProgress& progress) {
+Comparison compareBags(const RecordedBag& first, const RecordedBag& second, const ReplayProgress& progress,
+                       const ComparisonOptions& options) {
   Comparison comparison;
   comparison.first = first.path();
   comparison.second = second.path();
@@ -526,7 +584,7 @@ Comparison compareBags(const RecordedBag& first, const RecordedBag& second, cons
              kFrameWork * static_cast<double>(first_runs[n]->frames().size());
   double done = 0.0;
   for (std::size_t n = 0; n < count; ++n) {
-    RunComparison(*first_runs[n], *second_runs[n], n, comparison, [&](double work) {
+    RunComparison(*first_runs[n], *second_runs[n], n, options, comparison, [&](double work) {
       progress(done += work, total);
     }).compare();
   }

@@ -145,8 +145,9 @@ std::vector<Judgement> judgeIdentity(const std::vector<ComparedQuantity>& quanti
     judgement.subject = quantity.subject;
     judgement.measured = quantity.largest;
     char text[256];
-    std::snprintf(text, sizeof(text), "%s: differs by up to %.4g %s at %.3f s", nameOf(quantity).c_str(),
-                  quantity.largest, quantity.unit.c_str(), quantity.largest_at_s);
+    std::snprintf(text, sizeof(text), "%s: %s %.4g %s at %.3f s", nameOf(quantity).c_str(),
+                  quantity.key == "ssim" ? "as low as" : "differs by up to", quantity.largest, quantity.unit.c_str(),
+                  quantity.largest_at_s);
     judgement.text = text;
     if (quantity.left_out > 0)
       judgement.text += "; " + std::to_string(quantity.left_out) + " left out: " + quantity.left_out_reason;

@@ -401,6 +401,22 @@ TEST_F(OnePercent, IsCaughtByTheCheckWithTolerances) {
   EXPECT_EQ(replay(other(), "--check --tolerance positions=0.1").code, 0) << "a limit that is loose enough";
 }
 
+TEST_F(OnePercent, IsCaughtByTheMotionOfTheDevice) {
+  const std::string bag = SOFT_VOLUME_SOURCE_DIR "/test/data/press_lockstep.bag";
+  const auto resimulate = [&](const std::string& changes, const std::string& limits) {
+    return replay(bag, "--resimulate=" + changes + " --output '" + other() + "' --tolerance " + limits);
+  };
+  ProgramResult result = resimulate("", "positions=0,force=0,device_force=0");
+  EXPECT_EQ(result.code, 0) << result.output;
+  for (const char* limit : {"positions=0.005", "positions_rms=0.001", "force=0.01", "device_force=0.01"}) {
+    result = resimulate("materials.0.youngs_modulus_pa=6060", limit);
+    EXPECT_EQ(result.code, 1) << limit << "\n" << result.output;
+    EXPECT_NE(result.output.find("BEYOND"), std::string::npos) << result.output;
+  }
+  result = resimulate("materials.0.youngs_modulus_pa=6060", "positions=0.1,force=0.2");
+  EXPECT_EQ(result.code, 0) << result.output;
+}
+
 TEST_F(OnePercent, ALimitNeedsSomethingToJudge) {
   rewriteBag(whole(), other(), [](RawMessage& raw) { return raw.type != "sensor_msgs/Image"; });
   EXPECT_EQ(replay(other(), "--check --tolerance positions=0.1").code, 0);

@@ -23,6 +23,12 @@ struct Comparison {
   bool identical() const;
 };
 
+struct ComparisonOptions {
+  /// Where the second bag holds no images, so many frames of the first one are drawn from its states; 0: none.
+  std::size_t most_drawn_frames = 0;
+  int threads = 1;  ///< of the renderer
+};
+
 /// Compares two recordings of the same interaction, session by session, at equal times: by the stamps of the graph
 /// where these overlap (a resimulation, a replay of the same device messages), else by simulated time since the start.
 ///
@@ -33,11 +39,13 @@ struct Comparison {
 ///   cells. What is left out is counted.
 /// - force: of each tool on the tissue as far as the simulation applied it, a function of the pose's time that holds
 ///   until the next message or until it expires; device_force: as it was sent to the device.
-/// - image_rmse and ssim: frames of one camera and one simulated time (within 1 ms), of the same size.
+/// - image_rmse and ssim: frames of one camera and one simulated time (within 1 ms), of the same size. Of a bag without
+///   images, as a resimulation writes it, they can be drawn as the first bag's were, from states within 5 ms.
 /// - cut_area, parts and revision from the topologies; energy, active_cells and step_time from simulation/stats.
 ///
 /// Deterministic. Throws ReplayError when the bags have nothing to compare: other volumes, no common time.
-Comparison compareBags(const RecordedBag& first, const RecordedBag& second, const ReplayProgress& progress);
+Comparison compareBags(const RecordedBag& first, const RecordedBag& second, const ReplayProgress& progress,
+                       const ComparisonOptions& options = {});
 
 /// As JSON text: every quantity with its figures (without samples), scene changes and notes.
 std::string toJson(const Comparison& comparison);

@@ -10,6 +10,9 @@
 namespace soft_volume::replay_program {
 namespace {
 
+/// A frame of the CT head takes a third of a second.
+constexpr std::size_t kMostDrawnFrames = 24;
+
 void append(std::vector<Judgement> from, std::vector<Judgement>& to) {
   std::move(from.begin(), from.end(), std::back_inserter(to));
 }
@@ -23,7 +26,11 @@ void compare(const Arguments& arguments, Findings& findings) {
   const RecordedBag first(arguments.bag);
   const RecordedBag second(other);
   core::ProgressBar bar(arguments.no_progress);
-  findings.comparison = compareBags(first, second, [&bar](double done, double total) { bar.update(done, total); });
+  ComparisonOptions options;
+  options.most_drawn_frames = kMostDrawnFrames;
+  options.threads = arguments.threads;
+  findings.comparison = compareBags(
+      first, second, [&bar](double done, double total) { bar.update(done, total); }, options);
 }
 
 void judgeFindings(const Arguments& arguments, Findings& findings) {
