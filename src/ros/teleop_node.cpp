@@ -26,7 +26,8 @@ TeleopNode::TeleopNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     : node_(node),
       profile_(core::loadDeviceProfile(
           requiredParameter<std::string>(private_node, "device", "the device file of the mouse or the keyboard"))),
-      teleoperation_(profile_.teleop, profile_.mapping.device_centre_m, profile_.limits.workspace_radius_m) {
+      teleoperation_(profile_.teleop, profile_.mapping.device_centre_m, profile_.limits.workspace_radius_m),
+      diagnostics_(node, private_node) {
   if (profile_.style == core::DeviceStyle::kJoy || profile_.style == core::DeviceStyle::kKeyboard) {
     start();
   } else {
@@ -54,6 +55,10 @@ void TeleopNode::start() {
     std::printf("%s", core::Keyboard::kHelp);
     std::fflush(stdout);
   }
+  diagnostics_.setHardwareID(profile_.name);
+  diagnostics_.add("teleop", this, &TeleopNode::diagnose);
+  diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(1.0),
+                                             [this](const ros::WallTimerEvent&) { diagnostics_.force_update(); });
   thread_ = std::thread([this] { run(); });
 }
 
@@ -65,6 +70,11 @@ void TeleopNode::hearJoy(const sensor_msgs::Joy& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   mouse_ = {core::Vector3(axes[0], axes[1], axes[2]), core::Vector3(axes[3], axes[4], axes[5])};
   mouse_heard_ = ros::SteadyTime::now();
+}
+
+void TeleopNode::diagnose(diagnostic_updater::DiagnosticStatusWrapper& status) {
+  status.summary(diagnostic_msgs::DiagnosticStatus::OK, terminal_ ? "keyboard" : "mouse");
+  incidents_.addTo(status);
 }
 
 /// Poses are stamped with ROS time, which may be simulated and stand still: then there is nothing to publish.

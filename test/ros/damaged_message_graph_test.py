@@ -12,9 +12,11 @@ import time
 
 import rospy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from sensor_msgs.msg import Joy
 from soft_volume.msg import GridPatch, GridState, GridTopology, RecorderStatus, Scene, ToolCut, ToolForce, ToolGrip
 from soft_volume.msg import ToolState, Volume
 
+import drivers
 import graph
 
 ROUNDS = int(os.environ.get('SOFT_VOLUME_FUZZ_ROUNDS', '40'))  # damaged messages to each topic
@@ -70,25 +72,6 @@ class DamagedMessageTest(graph.GraphTest):
     super().setUp()
     self.random = random.Random(7)
     self.whole = {}
-    self.states = self.listen('grid/state', GridState)
-    self.tools = self.listen('tool/state', ToolState)
-    self.simulation = graph.Simulation(self, start_paused='false', real_time_factor=1.0)
-    scene = self.folder + '/block.yaml'
-    self.nodes = {'simulation': self.simulation.node, 'tool': self.start('tool_node'),
-                  'device': self.start('device_node', scene=scene), 'renderer': self.start('renderer_node'),
-                  'recorder': self.start('recorder_node', file=os.path.join(self.folder, 'run.bag'))}
-    self.recorded = self.listen('recorder/status', RecorderStatus)
-    self.recorded.wait(lambda s: s.step > 0, 'recording')
-    self.tools.wait(what='tool')
-
-  def takeWhole(self):
-    """A message of each topic as it was sent, or an empty one of its type."""
-    listeners = [(topic, kind, AnyListener(topic)) for topic, kind, _ in INPUTS]
-    time.sleep(1.5)
-    for topic, kind, listener in listeners:
-      heard = listener.heard
-      self.whole[topic] = heard[-1] if heard else serialized(kind())
-      listener.close()
 
   def damaged(self, topic):
     whole = bytearray(self.whole[topic])
@@ -111,6 +94,76 @@ class DamagedMessageTest(graph.GraphTest):
     self._publishers.remove(publisher)
     publisher.unregister()
 
+  def waitForRefusal(self, node, topic):
+    self.wait_for_status(node, lambda s: any(v.key == 'refused on ' + topic and int(v.value) > 0 for v in s.values),
+                         'messages of %s refused' % topic)
+
+  def checkAlive(self, nodes, before):
+    for name, node in nodes.items():
+      self.assertTrue(node.alive(), name)
+      growth = memory_kb(node) - before[name]
+      print('%s: %d kB more at most' % (name, growth))
+      self.assertLess(growth, MOST_GROWTH_KB, name)
+
+
+class DamagedDriverTest(DamagedMessageTest):
+  """The nodes that stand between drivers and the tool."""
+
+  def sendAll(self, node, inputs):
+    before = {node.name: memory_kb(node)}
+    for topic, kind in inputs:
+      self.whole[topic] = serialized(kind())
+      self.send(topic, kind)
+    for topic, _ in inputs:
+      self.waitForRefusal(node.name, topic)
+    self.checkAlive({node.name: node}, before)
+
+  def testTheAdapterOfAnOmniLivesOn(self):
+    adapter = self.start('adapter_node', device=drivers.device_file('omni'))
+    poses = self.listen('omni/measured_cp', PoseStamped)
+    poses.connect()
+    self.sendAll(adapter, (('phantom/state', drivers.OmniState), ('phantom/button', drivers.OmniButtonEvent),
+                           ('omni/servo_cf', WrenchStamped)))
+    state = drivers.OmniState()
+    state.pose.orientation.w = 1.0
+    state.pose.position.x = 12.0
+    publisher = self.publisher('phantom/state', drivers.OmniState)
+    publisher.publish(state)
+    poses.wait(lambda p: abs(p.pose.position.x) + abs(p.pose.position.y) + abs(p.pose.position.z) > 0, 'pose')
+
+  def testTeleoperationLivesOn(self):
+    teleop = self.start('teleop_node', device=drivers.device_file('spacenav'))
+    poses = self.listen('mouse/measured_cp', PoseStamped)
+    poses.connect()
+    self.sendAll(teleop, (('spacenav/joy', Joy),))
+    poses.clear()
+    poses.wait(what='pose')
+
+
+class DamagedGraphTest(DamagedMessageTest):
+
+  def setUp(self):
+    super().setUp()
+    self.states = self.listen('grid/state', GridState)
+    self.tools = self.listen('tool/state', ToolState)
+    self.simulation = graph.Simulation(self, start_paused='false', real_time_factor=1.0)
+    scene = self.folder + '/block.yaml'
+    self.nodes = {'simulation': self.simulation.node, 'tool': self.start('tool_node'),
+                  'device': self.start('device_node', scene=scene), 'renderer': self.start('renderer_node'),
+                  'recorder': self.start('recorder_node', file=os.path.join(self.folder, 'run.bag'))}
+    self.recorded = self.listen('recorder/status', RecorderStatus)
+    self.recorded.wait(lambda s: s.step > 0, 'recording')
+    self.tools.wait(what='tool')
+
+  def takeWhole(self):
+    """A message of each topic as it was sent, or an empty one of its type."""
+    listeners = [(topic, kind, AnyListener(topic)) for topic, kind, _ in INPUTS]
+    time.sleep(1.5)
+    for topic, kind, listener in listeners:
+      heard = listener.heard
+      self.whole[topic] = heard[-1] if heard else serialized(kind())
+      listener.close()
+
   def testNodesLiveOnAndCount(self):
     self.takeWhole()
     before = {name: memory_kb(node) for name, node in self.nodes.items()}
@@ -118,14 +171,8 @@ class DamagedMessageTest(graph.GraphTest):
       self.send(topic, kind)
     for topic, _, nodes in INPUTS:
       for node in nodes:
-        self.wait_for_status(node, lambda s, t='refused on ' + topic: any(v.key == t and int(v.value) > 0
-                                                                           for v in s.values),
-                             'messages of %s refused' % topic)
-    for name, node in self.nodes.items():
-      self.assertTrue(node.alive(), name)
-      growth = memory_kb(node) - before[name]
-      print('%s: %d kB more at most' % (name, growth))
-      self.assertLess(growth, MOST_GROWTH_KB, name)
+        self.waitForRefusal(node, topic)
+    self.checkAlive(self.nodes, before)
     self.checkWork()
 
   def testNodesLiveOnWithPublishersOfAnotherVersion(self):

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <diagnostic_updater/diagnostic_updater.h>
 #include <ros/node_handle.h>
 #include <sensor_msgs/Joy.h>
 
@@ -37,6 +38,7 @@ class TeleopNode {
   core::Deflection deflection();
   void readKeys();
   void publishButtons(const core::Buttons& buttons);
+  void diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   ros::NodeHandle node_;
   core::DeviceProfile profile_;
@@ -44,6 +46,8 @@ class TeleopNode {
   PosePublisher pose_publisher_;
   ros::Publisher button_publisher_;
   ros::Subscriber joy_subscriber_;
+  diagnostic_updater::Updater diagnostics_;
+  ros::WallTimer diagnostics_timer_;
   IncidentLog incidents_;
 
   std::mutex mutex_;  // guards the mouse
