@@ -1,7 +1,7 @@
 # The ROS part: messages, services and the catkin package. Included from the top level before any target.
 find_package(catkin REQUIRED COMPONENTS
   diagnostic_updater dynamic_reconfigure geometry_msgs image_transport message_generation nodelet pluginlib
-  rosbag_storage roscpp rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools)
+  rosbag_storage roscpp rosgraph_msgs roslz4 sensor_msgs std_msgs std_srvs topic_tools)
 
 add_message_files(DIRECTORY msg FILES
   GridPatch.msg GridState.msg GridTopology.msg HeldForce.msg HeldGrip.msg IncisionState.msg JournalEntry.msg
@@ -17,7 +17,7 @@ catkin_package(
   INCLUDE_DIRS include
   LIBRARIES soft_volume_core soft_volume_render soft_volume_messages soft_volume_replay_core soft_volume_ros
   CATKIN_DEPENDS diagnostic_updater dynamic_reconfigure geometry_msgs image_transport message_runtime nodelet pluginlib
-                 rosbag_storage roscpp rosgraph_msgs sensor_msgs std_msgs std_srvs topic_tools
+                 rosbag_storage roscpp rosgraph_msgs roslz4 sensor_msgs std_msgs std_srvs topic_tools
   DEPENDS EIGEN3
   CFG_EXTRAS soft_volume_bag_test.cmake)
 

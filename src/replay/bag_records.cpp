@@ -1,9 +1,11 @@
 #include "bag_records.h"
 
 #include <fcntl.h>
+#include <roslz4/lz4s.h>
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -20,9 +22,11 @@ namespace {
 constexpr char kMagic[] = "#ROSBAG V2.0\n";
 constexpr std::uint32_t kLargestHeader = 64 << 20;
 // Record types.
+constexpr std::uint8_t kMessage = 2;
 constexpr std::uint8_t kFileHeader = 3;
 constexpr std::uint8_t kIndex = 4;
 constexpr std::uint8_t kChunk = 5;
+constexpr std::uint8_t kConnection = 7;
 constexpr std::uint32_t kIndexEntryBytes = 12;
 /// lz4 cannot pack better than 255 to 1; the rest is its frame.
 constexpr std::uint64_t kLargestRatio = 256;
@@ -121,12 +125,15 @@ class RecordReader {
     const std::uint32_t data_bytes = readNumber();
     if (data_bytes > size_ - position_)
       damaged("a record is longer than the file");
-    if (type == kChunk)
+    if (type == kChunk) {
       checkChunk(fields, data_bytes);
-    if (type == kIndex) {
+    } else if (type == kIndex) {
       checkIndex(fields, data_bytes);
     } else {
-      skip(data_bytes);
+      std::vector<char> data(data_bytes);
+      read(data.data(), data_bytes);
+      if (type == kConnection)
+        parseHeader(data.data(), data_bytes);
     }
   }
 
@@ -140,10 +147,58 @@ class RecordReader {
     if (!fits)
       damaged("a chunk's size cannot be right");
     largest_chunk_ = std::max<std::uint64_t>(largest_chunk_, chunk_bytes_);
+    std::vector<char> data(data_bytes);
+    read(data.data(), data_bytes);
+    messages_.clear();
+    messages_known_ = compression->second != "bz2";
+    if (messages_known_)
+      checkContent(compression->second == "lz4" ? unpack(data) : data);
+  }
+
+  std::vector<char> unpack(std::vector<char>& packed) const {
+    std::vector<char> content(chunk_bytes_);
+    unsigned int bytes = chunk_bytes_;
+    const int result =
+        roslz4_buffToBuffDecompress(packed.data(), static_cast<unsigned int>(packed.size()), content.data(), &bytes);
+    if (result != ROSLZ4_OK || bytes != chunk_bytes_)
+      damaged("a chunk cannot be unpacked");
+    return content;
+  }
+
+  /// The records within a chunk, in whose headers rosbag believes every length.
+  void checkContent(const std::vector<char>& content) {
+    const auto number_at = [&](std::size_t at) {
+      std::uint32_t value = 0;
+      if (content.size() - at < sizeof(value))
+        damaged("a chunk ends within a record");
+      std::memcpy(&value, content.data() + at, sizeof(value));
+      return value;
+    };
+    for (std::size_t at = 0; at < content.size();) {
+      const std::size_t begin = at;
+      const std::uint32_t header_bytes = number_at(at);
+      at += sizeof(header_bytes);
+      if (header_bytes > content.size() - at)
+        damaged("a header is longer than its chunk");
+      const Fields fields = parseHeader(content.data() + at, header_bytes);
+      at += header_bytes;
+      const std::uint32_t data_bytes = number_at(at);
+      at += sizeof(data_bytes);
+      if (data_bytes > content.size() - at)
+        damaged("a message is longer than its chunk");
+      const auto type = number<std::uint8_t>(fields, "op");
+      const auto connection = number<std::uint32_t>(fields, "conn");
+      if (type == kConnection)
+        parseHeader(content.data() + at, data_bytes);
+      if (type == kMessage)
+        messages_.emplace(static_cast<std::uint32_t>(begin), connection);
+      at += data_bytes;
+    }
   }
 
   void checkIndex(const Fields& fields, std::uint32_t data_bytes) {
     const auto count = number<std::uint32_t>(fields, "count");
+    const auto connection = number<std::uint32_t>(fields, "conn");
     if (data_bytes != std::uint64_t(count) * kIndexEntryBytes)
       damaged("an index has a wrong size");
     std::vector<char> data(data_bytes);
@@ -153,6 +208,9 @@ class RecordReader {
       std::memcpy(&offset, data.data() + n * kIndexEntryBytes + 8, sizeof(offset));
       if (offset >= chunk_bytes_)
         damaged("an index points outside its chunk");
+      const auto message = messages_.find(offset);
+      if (messages_known_ && (message == messages_.end() || message->second != connection))
+        damaged("an index points to no message of its connection");
     }
   }
 
@@ -160,19 +218,26 @@ class RecordReader {
     const std::uint32_t bytes = readNumber();
     if (bytes > kLargestHeader || bytes > size_ - position_)
       damaged("a header is longer than the file");
-    std::string text(bytes, '\0');
+    std::vector<char> text(bytes);
     read(text.data(), bytes);
+    return parseHeader(text.data(), bytes);
+  }
+
+  Fields parseHeader(const char* begin, std::size_t bytes) const {
     Fields fields;
-    for (std::size_t at = 0; at < text.size();) {
+    for (std::size_t at = 0; at < bytes;) {
       std::uint32_t length = 0;
-      if (text.size() - at < sizeof(length))
+      if (bytes - at < sizeof(length))
         damaged("a header does not end where it should");
-      std::memcpy(&length, text.data() + at, sizeof(length));
+      std::memcpy(&length, begin + at, sizeof(length));
       at += sizeof(length);
-      const std::size_t equals = text.find('=', at);
-      if (length > text.size() - at || equals >= at + length)
+      if (length > bytes - at)
         damaged("a header field is not complete");
-      fields[text.substr(at, equals - at)] = text.substr(equals + 1, at + length - equals - 1);
+      const char* const field = begin + at;
+      const char* const equals = std::find(field, field + length, '=');
+      if (equals == field + length)
+        damaged("a header field is not complete");
+      fields[std::string(field, equals)] = std::string(equals + 1, field + length);
       at += length;
     }
     return fields;
@@ -215,6 +280,8 @@ class RecordReader {
   std::uint64_t size_ = 0;
   std::uint64_t position_ = 0;
   std::uint32_t chunk_bytes_ = 0;
+  std::map<std::uint32_t, std::uint32_t> messages_;  ///< of the chunk: offset to connection
+  bool messages_known_ = false;
   std::uint64_t largest_chunk_ = 0;
 };
 

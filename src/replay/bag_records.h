@@ -10,9 +10,9 @@ struct BagRecords {
   std::uint64_t largest_chunk_bytes = 0;  ///< uncompressed
 };
 
-/// Walks over the records of a bag (format 2.0, wiki.ros.org/Bags/Format/2.0) and believes no length: rosbag's library
-/// crashes or takes all memory on some damaged bags. Throws ReplayError when it is no bag, is not indexed, or a record
-/// does not fit.
+/// Walks over the records of a bag (format 2.0, wiki.ros.org/Bags/Format/2.0), those within its chunks too, and believes
+/// no length: rosbag's library reads beyond its buffers, crashes or takes all memory on some damaged bags. Throws
+/// ReplayError when it is no bag, is not indexed, or a record does not fit.
 BagRecords checkBagRecords(const std::string& path);
 
 }  // namespace soft_volume
