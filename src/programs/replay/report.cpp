@@ -474,20 +474,30 @@ void addTroubles(const std::vector<ReportedRun>& runs, Page& page) {
     page.addTable({"Who", "Fault or refusal", "first at", "messages"}, rows, 2);
 }
 
+/// The replay notes what the recorder told, too.
+bool tellsOfEvent(const std::string& note, const std::vector<const RecordedBag*>& bags) {
+  return std::any_of(bags.begin(), bags.end(), [&](const RecordedBag* bag) {
+    return std::any_of(bag->events().begin(), bag->events().end(), [&](const RecorderEvent& event) {
+      return note.rfind("recorder, ", 0) == 0 && !event.text.empty() && note.find(event.text) != std::string::npos;
+    });
+  });
+}
+
 void addIncidents(const std::vector<const RecordedBag*>& bags, const std::vector<ReportedRun>& runs, const Findings& f,
                   Page& page) {
   page.addHeading("What the recording tells of itself");
   std::vector<Page::Row> rows;
   for (const RecordedBag* bag : bags) {
     for (const RecorderEvent& event : bag->events())
-      rows.push_back({{escaped(bags.size() > 1 ? fileNameOf(bag->path()) : ""), eventKind(event.kind),
-                       escaped(event.text), count(event.step), number(event.stamp.toSec(), 13)},
-                      ""});
+      rows.push_back(
+          {{escaped(bags.size() > 1 ? fileNameOf(bag->path()) : ""), eventKind(event.kind), escaped(event.text),
+            count(event.step), number((event.stamp - bag->events().front().stamp).toSec(), 5) + " s"},
+           ""});
   }
   if (rows.empty())
     page.addText("The recorder told of no events: nothing is known of restarts, losses and silences.");
   else
-    page.addTable({"", "Event", "", "at step", "noticed at [s]"}, rows, 3);
+    page.addTable({"", "Event", "", "at step", "noticed after"}, rows, 3);
   addTroubles(runs, page);
   std::vector<std::string> notes = f.notes;
   const auto append = [&notes](const std::vector<std::string>& more) {
@@ -501,7 +511,7 @@ void addIncidents(const std::vector<const RecordedBag*>& bags, const std::vector
     append(bag->notes());
   std::vector<std::string> distinct;
   for (const std::string& note : notes) {
-    if (std::find(distinct.begin(), distinct.end(), note) == distinct.end())
+    if (std::find(distinct.begin(), distinct.end(), note) == distinct.end() && !tellsOfEvent(note, bags))
       distinct.push_back(note);
   }
   if (!distinct.empty())

@@ -164,8 +164,13 @@ void ReplayedFrames::add(const ReplayedFrame& frame) {
   const bool differs = frame.recorded != nullptr && frame.recorded->rgb != frame.replayed->rgb;
   if (wanted == wanted_.end() && !differs)
     return;
-  Kept kept{frame.step, tripletOf(frame, wanted == wanted_.end() ? "differs most" : wanted->second)};
-  if (wanted != wanted_.end())
+  const bool known = std::any_of(kept_.begin(), kept_.end(), [&](const Kept& other) {
+    return other.step == frame.step && other.camera == frame.camera;
+  });
+  if (known && !differs)
+    return;  // drawn twice
+  Kept kept{frame.step, frame.camera, tripletOf(frame, wanted == wanted_.end() ? "differs most" : wanted->second)};
+  if (wanted != wanted_.end() && !known)
     kept_.push_back(kept);
   else if (!worst_ || worst_->triplet.difference->rmse < kept.triplet.difference->rmse)
     worst_ = std::move(kept);

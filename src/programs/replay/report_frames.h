@@ -40,6 +40,7 @@ class ReplayedFrames {
  private:
   struct Kept {
     std::uint64_t step = 0;
+    std::string camera;
     FrameTriplet triplet;
   };
   FrameTriplet tripletOf(const ReplayedFrame& frame, const std::string& what) const;
