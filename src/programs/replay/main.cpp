@@ -144,12 +144,12 @@ int workGuarded(const Arguments& arguments) {
   std::vector<std::string> bags = {arguments.bag};
   if (!arguments.against.empty())
     bags.push_back(arguments.against);
+  const std::string damaged = bags.size() == 1 ? ": the bag is damaged" : " or " + bags.back() + ": a bag is damaged";
   return runGuarded(
       bags, [&arguments] { return work(arguments); },
-      [&arguments](int signal) {
+      [&arguments, &damaged](int signal) {
         Findings findings;
-        findings.error =
-            arguments.bag + ": the bag is damaged (its reader died with signal " + std::to_string(signal) + ")";
+        findings.error = arguments.bag + damaged + " (its reader died with signal " + std::to_string(signal) + ")";
         return finish(arguments, findings);
       });
 }
