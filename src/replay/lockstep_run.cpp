@@ -95,7 +95,7 @@ void LockstepRun::run(const Progress& progress) {
     begin();
     const std::int64_t begin_ns = stampNow();
     const auto span = static_cast<double>(std::max<std::int64_t>(1, plan_.end_ns - begin_ns));
-    while (stampNow() < plan_.end_ns) {
+    while (!ended()) {
       advance();
       progress(static_cast<double>(stampNow() - begin_ns), span);
     }
@@ -189,9 +189,16 @@ void LockstepRun::applyInputs(std::int64_t time_ns) {
     input();
 }
 
+bool LockstepRun::ended() const {
+  return plan_.entries_by_step ? session_.steps() >= plan_.end_step : stampNow() >= plan_.end_ns;
+}
+
+bool LockstepRun::isDue(const TimedEntry& entry, std::int64_t time_ns) const {
+  return plan_.entries_by_step ? entry.entry.step <= session_.steps() : entry.stamp_ns <= time_ns + kRounding_ns;
+}
+
 void LockstepRun::applyEntries(std::int64_t time_ns) {
-  for (; next_entry_ < plan_.entries.size() && plan_.entries[next_entry_].stamp_ns <= time_ns + kRounding_ns;
-       ++next_entry_)
+  for (; next_entry_ < plan_.entries.size() && isDue(plan_.entries[next_entry_], time_ns); ++next_entry_)
     applyEntry(plan_.entries[next_entry_].entry);
 }
 

@@ -39,7 +39,10 @@ struct LockstepPlan {
   double rate_hz = 1000.0;
   std::vector<core::DeviceSample> samples;  ///< increasing stamps; may be empty
   std::vector<TimedEntry> entries;          ///< increasing stamps
-  bool same_grid = true;                    ///< as that which the entries were made for
+  /// They are given before the step that they were given before, up to end_step, because every step is the same.
+  bool entries_by_step = false;
+  std::uint64_t end_step = 0;
+  bool same_grid = true;  ///< as that which the entries were made for
   /// Stamps of the states that are wanted, increasing: those of the steps around each are published.
   std::vector<std::int64_t> states_ns;
   std::int64_t epoch_ns = 0;  ///< time zero where there are no samples
@@ -90,6 +93,8 @@ class LockstepRun {
   void send(const core::HandTick& tick);
   void advance();
   void applyInputs(std::int64_t time_ns);
+  bool ended() const;
+  bool isDue(const TimedEntry& entry, std::int64_t time_ns) const;
   void applyEntries(std::int64_t time_ns);
   void applyEntry(const JournalEntry& entry);
   template <typename Message>

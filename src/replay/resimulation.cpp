@@ -114,6 +114,12 @@ class Planner {
     for (const RecordedState& state : run_.states())
       plan.states_ns.push_back(nanoseconds(run_.stampAt(state.time_s)));
     plan.end_ns = end();
+    shorten(plan);
+    // Steps as they were: what a change of the time step within the run does to times need not be known.
+    plan.entries_by_step = plan.samples.empty() && !changes("simulation.") && !changes("lattice.spacing_m") &&
+                           options_.seconds == 0.0 && !started_late_;
+    for (const SimulationJournal& journal : run_.journals())
+      plan.end_step = std::max(plan.end_step, journal.last_step);
     if (plan.samples.empty() && plan.entries.empty())
       throw ReplayError(
           "the bag holds neither the motion of a device nor inputs: record measured_cp, measured_cv and "
@@ -212,6 +218,7 @@ class Planner {
     const std::vector<RecordedMessage<SimulationCheckpoint>> checkpoints = run_.messages<SimulationCheckpoint>();
     if (!options_.changes.empty() || checkpoints.empty()) {
       note(how + ": what was done before is missing, and the tissue begins at rest");
+      started_late_ = true;
       if (plan.samples.empty())
         plan.epoch_ns = nanoseconds(run_.stampAt(run_.timeOfStep(journals.front().first_step)));
       return;
@@ -222,6 +229,17 @@ class Planner {
     const auto before = [&](const auto& item) { return item.stamp_ns < from_ns; };
     plan.samples.erase(std::remove_if(plan.samples.begin(), plan.samples.end(), before), plan.samples.end());
     plan.entries.erase(std::remove_if(plan.entries.begin(), plan.entries.end(), before), plan.entries.end());
+  }
+
+  /// To the seconds that are wanted.
+  void shorten(LockstepPlan& plan) const {
+    if (options_.seconds <= 0.0)
+      return;
+    const std::int64_t begin_ns = plan.samples.empty() ? plan.epoch_ns : plan.samples.front().stamp_ns;
+    plan.end_ns = std::min(plan.end_ns, begin_ns + static_cast<std::int64_t>(1e9 * options_.seconds));
+    const auto after = [&](const auto& item) { return item.stamp_ns > plan.end_ns; };
+    plan.samples.erase(std::remove_if(plan.samples.begin(), plan.samples.end(), after), plan.samples.end());
+    plan.entries.erase(std::remove_if(plan.entries.begin(), plan.entries.end(), after), plan.entries.end());
   }
 
   std::int64_t end() const {
@@ -235,6 +253,7 @@ class Planner {
   const ResimulationOptions& options_;
   Resimulation& result_;
   Scene recorded_scene_;
+  bool started_late_ = false;
 };
 
 template <typename Message>
@@ -260,6 +279,7 @@ std::unique_ptr<LockstepRun> makeRun(Planner& planner, const LockstepRun::Publis
     if (plan.scene.simulation.dt_s == 0.0)
       throw;
     plan.scene.simulation.dt_s = 0.0;
+    plan.entries_by_step = false;
     auto run = std::make_unique<LockstepRun>(plan, publish);
     planner.note("the recorded time step is not stable with these settings: it was found anew");
     return run;

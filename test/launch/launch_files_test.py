@@ -19,7 +19,7 @@ import rospkg
 FOLDER = sys.argv.pop(1)
 FILES = sorted(glob.glob(os.path.join(FOLDER, "*.launch")))
 # Arguments without a default, and the switches that choose between parts of a file.
-GIVEN = {"bag": "/tmp/a folder/with a.bag"}
+GIVEN = {"bag": "/tmp/a folder/with a.bag", "played": "/tmp/a folder/with a device.bag"}
 DEVICES = sorted(os.path.splitext(os.path.basename(file))[0]
                  for file in glob.glob(os.path.join(FOLDER, os.pardir, "config", "devices", "*.yaml")))
 SWITCHES = {"nodelets": ("true", "false"), "device": DEVICES + ["/a folder/of mine.yaml"], "virtual": ("true", "false"),
@@ -51,7 +51,8 @@ def nodelet_names():
 class LaunchFiles(unittest.TestCase):
     def test_there_are_some(self):
         self.assertEqual([os.path.basename(file) for file in FILES],
-                         ["demo.launch", "device.launch", "record.launch", "replay.launch"])
+                         ["demo.launch", "device.launch", "record.launch", "replay.launch",
+                          "replay_device.launch"])
 
     def test_every_argument_says_what_it_is_for(self):
         for file in FILES:

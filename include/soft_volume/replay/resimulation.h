@@ -14,6 +14,7 @@ struct ResimulationOptions {
   std::vector<core::SceneOverride> changes;  ///< of the scene; none: as it was recorded
   std::string device_file;                   ///< of the device that was recorded; empty: the scene's own
   std::string output;                        ///< bag that is written; an old one is replaced
+  double seconds = 0.0;                      ///< of simulated time, from the first sample on; 0: all
   int threads = 1;
 };
 

@@ -9,6 +9,10 @@
 #include <utility>
 #include <vector>
 
+#ifdef SOFT_VOLUME_INTERACTION
+#include "interaction_sweep.h"
+#include "replay/guarded_process.h"
+#endif
 #include "plot.h"
 #include "progress_bar.h"
 #include "rendering_report.h"
@@ -36,6 +40,10 @@ constexpr int kImpossible = 2;
 struct Arguments {
   bool simulation = false;
   bool rendering = false;
+  std::string interaction;  ///< a bag
+  std::string device;
+  double seconds = 0.0;
+  int threads = 1;
   std::string out;
   bool quick = false;
   int repeats = 3;
@@ -51,6 +59,8 @@ constexpr char kFooter[] =
     "      How many slices, which back end, which options? Ten minutes or so.\n"
     "  soft_volume_tradeoff --simulation --rendering --quick --out tradeoff\n"
     "      Both with few settings on small scenes, in seconds; for a first look and for tests.\n"
+    "  soft_volume_tradeoff --interaction demo.bag --out tradeoff\n"
+    "      What do settings of simulation and renderer do to what a hand really did?\n"
     "\n"
     "--simulation: two scenes are simulated with every setting: a footprint that presses into a slab of tissue, "
     "slides\n"
@@ -64,6 +74,11 @@ constexpr char kFooter[] =
     "MRI are drawn with every setting and compared with the exact back end. The cost is the time of a frame on all "
     "cores.\n"
     "Written are DIR/rendering.md, .png and .csv in the same form; errors in 8-bit levels, memory in MiB.\n"
+    "--interaction: the motion of the device in a bag goes through tool and simulation with every setting, moments of "
+    "it\n"
+    "are drawn with every setting, and positions, forces and pictures are compared with the most exact ones. Written "
+    "are\n"
+    "DIR/interaction.md, .png and .csv.\n"
     "\n"
     "Costs are medians of interleaved repeats; best run nothing else meanwhile. Errors are the same in every run.\n"
     "\n"
@@ -183,6 +198,62 @@ void sweepRendering(const Arguments& arguments) {
   }
 }
 
+#ifdef SOFT_VOLUME_INTERACTION
+void sweepInteraction(const Arguments& arguments) {
+  using namespace soft_volume::core;
+  const std::string stem = outputFolder(arguments.out) + "interaction";
+  writeText(stem + ".md", "soft_volume_tradeoff has not finished.\n");
+  InteractionOptions options;
+  options.bag = arguments.interaction;
+  options.work_dir = stem + "_runs";
+  options.quick = arguments.quick;
+  options.seconds = arguments.seconds;
+  options.device_file = arguments.device;
+  options.threads = arguments.threads;
+  outputFolder(options.work_dir);
+  InteractionResults results;
+  {
+    ProgressBar bar(arguments.no_progress);
+    results = sweepInteraction(options, [&bar](double done, double total) { bar.update(done, total); });
+  }
+  std::filesystem::remove_all(options.work_dir);
+  const TradeoffTable table = interactionTable(results);
+  writeCsv(table, stem + ".csv");
+  writeText(stem + ".md", interactionReport(results, table));
+  plotWithGnuplot(plotScript(table, interactionPlot(results, stem + ".png")));
+  std::printf("%s.md, .png and .csv: %zu ways to simulate, %zu to draw\n", stem.c_str(), results.runs.size(),
+              results.drawings.size());
+  for (const InteractionRun& run : results.runs) {
+    std::printf("  %-16s positions %.3g %%, force %.3g %%, %.4g ms per simulated second%s\n", run.name.c_str(),
+                100.0 * run.position_error, 100.0 * run.force_error, run.ms_per_simulated_s,
+                run.failure.empty() ? "" : (": " + run.failure).c_str());
+  }
+}
+
+/// Bags are read in a process of its own, as in soft_volume_replay.
+int sweepInteractionGuarded(const Arguments& arguments) {
+  const auto work = [&arguments] {
+    try {
+      sweepInteraction(arguments);
+      return kDone;
+    } catch (const std::exception& error) {
+      std::fprintf(stderr, "soft_volume_tradeoff: %s\n", error.what());
+      return kImpossible;
+    }
+  };
+  const auto died = [&arguments](int signal) {
+    std::fprintf(stderr, "soft_volume_tradeoff: %s: the bag is damaged (its reader died with signal %d)\n",
+                 arguments.interaction.c_str(), signal);
+    return kImpossible;
+  };
+  return soft_volume::replay_program::runGuarded({arguments.interaction}, work, died);
+}
+#else
+int sweepInteractionGuarded(const Arguments&) {
+  throw soft_volume::core::InputError("--interaction reads bags: it needs a build with ROS");
+}
+#endif
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -190,6 +261,17 @@ int main(int argc, char** argv) {
   CLI::App app("Measures what a faster or a more exact answer costs, and says what to choose.");
   app.add_flag("--simulation", arguments.simulation, "sweep the settings of the simulation");
   app.add_flag("--rendering", arguments.rendering, "sweep the settings of the renderer");
+  CLI::Option* interaction =
+      app.add_option("--interaction", arguments.interaction, "sweep both on the interaction in this bag")
+          ->type_name("BAG");
+  app.add_option("--seconds", arguments.seconds, "with --interaction: so much of it, from its start (default: all)")
+      ->check(CLI::Range(0.01, 1e6))
+      ->needs(interaction);
+  app.add_option("--device", arguments.device, "with --interaction: file of the recorded device, as in config/devices")
+      ->needs(interaction);
+  app.add_option("--threads", arguments.threads, "with --interaction: threads of simulation and renderer (default 1)")
+      ->check(CLI::Range(1, 256))
+      ->needs(interaction);
   app.add_option("--out", arguments.out, "folder for the results; made when it does not exist")->required();
   app.add_flag("--quick", arguments.quick, "few settings, small scenes");
   app.add_option("--repeats", arguments.repeats, "times that every setting runs for its cost (default 3)")
@@ -202,13 +284,13 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? kDone : kImpossible;
   }
   try {
-    if (!arguments.simulation && !arguments.rendering)
-      throw soft_volume::core::InputError("say what to measure: --simulation, --rendering or both");
+    if (!arguments.simulation && !arguments.rendering && arguments.interaction.empty())
+      throw soft_volume::core::InputError("say what to measure: --simulation, --rendering, --interaction BAG");
     if (arguments.simulation)
       sweepSimulation(arguments);
     if (arguments.rendering)
       sweepRendering(arguments);
-    return kDone;
+    return arguments.interaction.empty() ? kDone : sweepInteractionGuarded(arguments);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "soft_volume_tradeoff: %s\n", error.what());
     return kImpossible;
