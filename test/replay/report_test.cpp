@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sensor_msgs/Image.h>
 #include <soft_volume/RecorderStatus.h>
+#include <soft_volume/RenderStats.h>
 #include <soft_volume/Scene.h>
 
 #include <fstream>
@@ -94,6 +95,17 @@ TEST_F(Report, OfARecordingAloneShowsIt) {
   EXPECT_NE(html.find("<b>A recording; nothing was compared</b>"), std::string::npos);
   EXPECT_EQ(countOf(html, "data:image/png"), 0U);
   EXPECT_NE(html.find("<td>tool/force</td><td>refused: "), std::string::npos) << "a force that was not a number";
+}
+
+TEST_F(Report, DrawsTheStatesOfABagWithoutFrames) {
+  rewriteBag(folder_ / "run.bag", folder_ / "blind.bag", [](RawMessage& raw) {
+    return raw.type != ros::message_traits::datatype<sensor_msgs::Image>() &&
+           raw.type != ros::message_traits::datatype<RenderStats>();
+  });
+  const std::string html = page("blind.bag", "--against '" + folder_ / "run.bag" + "' --tolerance positions=1", 0);
+  expectComplete(html);
+  EXPECT_GE(countOf(html, "recorded state, drawn again</figcaption>"), 3U);
+  EXPECT_EQ(countOf(html, "no difference, byte for byte</figcaption>"), countOf(html, "run.bag</figcaption>"));
 }
 
 /// What a bag says is shown, and never taken for html.

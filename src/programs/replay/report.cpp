@@ -355,7 +355,7 @@ std::string tripletHtml(const FrameTriplet& t, const std::string& folder) {
 void addTriplets(const std::vector<FrameTriplet>& triplets, const std::string& folder, Page& page) {
   page.addHeading("Frames");
   if (triplets.empty())
-    page.addText("The bag holds no frames.");
+    page.addText("The bag holds neither frames nor states that could be drawn.");
   else if (std::any_of(triplets.begin(), triplets.end(), [](const auto& t) { return t.difference.has_value(); }))
     page.addText("Differences are those of the channel that differs most; their colours have a scale for each frame.");
   for (const FrameTriplet& triplet : triplets)
@@ -383,12 +383,6 @@ core::Image otherFrame(StateRenderer& first, const RecordedFrame& frame, const R
   return renderer.draw(*nearest, first.settingsOf(frame), frame.stats.settings, *camera, frame.stats.coarseness);
 }
 
-core::Image firstImage(const RecordedRun& run, std::size_t frame, StateRenderer& renderer) {
-  if (run.hasImage(frame))
-    return run.image(frame);
-  return renderer.drawAgain(run.frames()[frame]).value_or(core::Image());
-}
-
 std::optional<double> worstTime(const Findings& f) {
   const ComparedQuantity* positions = f.comparison ? find(*f.comparison, "positions") : nullptr;
   return positions != nullptr && positions->largest > 0.0 ? std::optional<double>(positions->largest_at_s)
@@ -403,13 +397,14 @@ std::vector<FrameTriplet> drawnTriplets(const std::vector<ReportedRun>& runs, co
     second = std::make_unique<StateRenderer>(*runs[1].run, threads);
   std::vector<FrameTriplet> triplets;
   for (const Moment& moment : chooseMoments(run, worstTime(f))) {
-    const RecordedFrame& frame = run.frames()[moment.frame];
+    const RecordedFrame& frame = moment.frame;
+    const bool has_image = moment.index && run.hasImage(*moment.index);
     FrameTriplet triplet;
     triplet.caption = momentCaption(frame, moment.caption);
-    triplet.first_name = run.hasImage(moment.frame) ? "recorded" : "recorded state, drawn again";
+    triplet.first_name = has_image ? "recorded" : "recorded state, drawn again";
     if (second != nullptr && runs[0].name != "recorded")
       triplet.first_name = runs[0].name + ", " + triplet.first_name;
-    triplet.first = firstImage(run, moment.frame, first);
+    triplet.first = has_image ? run.image(*moment.index) : first.drawAgain(frame).value_or(core::Image());
     if (triplet.first.rgb.empty())
       continue;
     if (second != nullptr) {

@@ -75,9 +75,29 @@ std::optional<double> timeAmidCuts(const RecordedRun& run) {
   return std::nullopt;
 }
 
+/// What the scene's first camera would have shown of every state.
+std::vector<RecordedFrame> framesOfStates(const RecordedRun& run) {
+  const core::Scene scene = run.scene();
+  std::vector<RecordedFrame> frames;
+  for (const RecordedState& state : run.states()) {
+    if (scene.rendering.cameras.empty())
+      break;
+    const core::CameraSettings& camera = scene.rendering.cameras.front();
+    RecordedFrame frame;
+    frame.time_s = state.time_s;
+    frame.stats.camera = camera.name;
+    frame.stats.pose = toPose(camera.camera.T_volume_camera);
+    frame.stats.session = run.session();
+    frame.stats.step = state.step;
+    frame.stats.revision = state.revision;
+    frame.stats.coarseness = 1;
+    frames.push_back(std::move(frame));
+  }
+  return frames;
+}
+
 /// The frame of the first camera that is nearest to a time.
-std::size_t nearestFrame(const RecordedRun& run, double time_s) {
-  const auto& frames = run.frames();
+std::size_t nearestFrame(const std::vector<RecordedFrame>& frames, double time_s) {
   std::size_t nearest = 0;
   for (std::size_t n = 1; n < frames.size(); ++n) {
     const bool same_camera = frames[n].stats.camera == frames.front().stats.camera;
@@ -103,24 +123,26 @@ std::optional<double> largestDisplacement(const RecordedRun& run, std::size_t st
 }
 
 std::vector<Moment> chooseMoments(const RecordedRun& run, std::optional<double> worst_s) {
-  if (run.frames().empty())
+  const bool recorded = !run.frames().empty();
+  const std::vector<RecordedFrame> frames = recorded ? run.frames() : framesOfStates(run);
+  if (frames.empty())
     return {};
   std::map<std::size_t, std::string> captions;
   const auto add = [&](std::optional<double> time_s, const char* caption) {
     if (!time_s)
       return;
-    std::string& text = captions[nearestFrame(run, *time_s)];
+    std::string& text = captions[nearestFrame(frames, *time_s)];
     text += (text.empty() ? "" : ", ") + std::string(caption);
   };
-  add(run.frames().front().time_s, "first frame");
+  add(frames.front().time_s, "first frame");
   add(timeOfLargestDisplacement(run), "largest displacement");
   add(timeOfLargestForce(run), "largest force");
   add(timeAmidCuts(run), "amid the cuts");
   add(worst_s, "largest difference");
-  add(run.frames().back().time_s, "last frame");
+  add(frames.back().time_s, "last frame");
   std::vector<Moment> moments;
   for (const auto& [frame, caption] : captions)
-    moments.push_back({frame, caption});
+    moments.push_back({frames[frame], recorded ? std::optional<std::size_t>(frame) : std::nullopt, caption});
   return moments;
 }
 
@@ -137,8 +159,8 @@ ReplayedFrames::ReplayedFrames(const RecordedBag& bag) {
   for (const RecordedFrame& frame : run.frames())
     times_s_[frame.stats.step] = frame.time_s;
   for (const Moment& moment : chooseMoments(run, std::nullopt)) {
-    const RenderStats& stats = run.frames()[moment.frame].stats;
-    wanted_[{stats.camera, stats.step}] = moment.caption;
+    if (moment.index)
+      wanted_[{moment.frame.stats.camera, moment.frame.stats.step}] = moment.caption;
   }
 }
 

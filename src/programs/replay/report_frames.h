@@ -18,8 +18,9 @@ std::optional<double> largestDisplacement(const RecordedRun& run, std::size_t st
 
 /// A frame of the recording that a report shows.
 struct Moment {
-  std::size_t frame = 0;  ///< of the run
-  std::string caption;    ///< what happens then
+  RecordedFrame frame;
+  std::optional<std::size_t> index;  ///< among the run's frames; none: the bag holds no frames, and this shows a state
+  std::string caption;               ///< what happens then
 };
 
 /// Up to six moments that tell a run: its begin, where the tissue was displaced most and pressed hardest, amid the
