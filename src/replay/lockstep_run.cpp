@@ -2,6 +2,7 @@
 
 #include <geometry_msgs/WrenchStamped.h>
 #include <soft_volume/SimulationJournal.h>
+#include <time.h>
 
 #include <algorithm>
 #include <chrono>
@@ -23,6 +24,13 @@ constexpr std::int64_t kRounding_ns = 2000;
 
 ros::Time rosTime(std::int64_t stamp_ns) {
   return ros::Time().fromNSec(static_cast<std::uint64_t>(stamp_ns));
+}
+
+/// Of this thread: what other programs take does not count.
+double processorTime() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
 float median(std::vector<float> values) {
@@ -252,7 +260,9 @@ void LockstepRun::advance() {
   if (patch_every_.due(session_.steps()))
     makePatches(time_ns);
   const auto begin = std::chrono::steady_clock::now();
+  const double processor_begin_s = processorTime();
   session_.step();
+  counts_.processor_s += processorTime() - processor_begin_s;
   const double spent_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   counts_.stepping_s += spent_s;
   step_ms_.push_back(static_cast<float>(1e3 * spent_s));

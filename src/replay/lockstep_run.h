@@ -61,7 +61,8 @@ struct LockstepCounts {
   double simulated_s = 0.0;
   double step_ms_median = 0.0;
   double step_ms_max = 0.0;
-  double stepping_s = 0.0;  ///< wall time of all steps
+  double stepping_s = 0.0;   ///< wall time of all steps
+  double processor_s = 0.0;  ///< of the thread that steps, in all steps
 };
 
 /// Runs a scene in lockstep with the samples of a device (session/lockstep.h), without a graph, and publishes what the

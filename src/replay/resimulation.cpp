@@ -298,6 +298,7 @@ void report(const LockstepRun& run, Resimulation& result) {
   result.step_ms_median = counts.step_ms_median;
   result.step_ms_max = counts.step_ms_max;
   result.stepping_s = counts.stepping_s;
+  result.processor_s = counts.processor_s;
   if (counts.inputs_refused > 0) {
     result.notes.push_back(std::to_string(counts.inputs_refused) +
                            " inputs were refused, first: " + counts.first_refusal);

@@ -31,6 +31,7 @@ struct Resimulation {
   double step_ms_median = 0.0;  ///< wall time
   double step_ms_max = 0.0;
   double stepping_s = 0.0;         ///< of all steps
+  double processor_s = 0.0;        ///< processor time of the thread that steps, in all steps
   std::vector<std::string> notes;  ///< what the recording lacks, what could not be kept
 };
 

@@ -27,7 +27,7 @@ struct InteractionRun {
   std::string failure;  ///< why it cannot be done, else empty
   double spacing_m = 0.0;
   double dt_s = 0.0;
-  double ms_per_simulated_s = 0.0;  ///< wall time of all steps
+  double ms_per_simulated_s = 0.0;  ///< of all steps: processor time of one thread, or wall time of more
   double step_ms = 0.0;             ///< median
   double position_error = 0.0;      ///< RMS over what moved, as a part of the largest displacement
   double force_error = 0.0;         ///< RMS of the tool that is farthest off, as a part of its largest force
