@@ -244,14 +244,18 @@ class BagFuzz : public testing::Test {
     if (ended && outcome.rss_kB < kMostRss_kB && noticed)
       return;
     unnoticed_ += noticed ? 0 : 1;
-    if (const char* const folder = std::getenv("SOFT_VOLUME_FUZZ_KEEP")) {
-      const std::string kept = std::string(folder) + "/" + std::to_string(++kept_) + ".bag";
-      std::filesystem::copy_file(spoiled(), kept, std::filesystem::copy_options::overwrite_existing);
-      std::printf("kept as %s: %s\n", kept.c_str(), how.c_str());
-    }
-    EXPECT_TRUE(noticed) << how << " was not noticed\n" << outcome.output;
+    keep();
     EXPECT_TRUE(ended) << how << " ended with " << outcome.code << "\n" << outcome.output;
     EXPECT_LT(outcome.rss_kB, kMostRss_kB) << how << "\n" << outcome.output;
+  }
+
+  void keep() {
+    const char* const folder = std::getenv("SOFT_VOLUME_FUZZ_KEEP");
+    if (folder == nullptr)
+      return;
+    const std::string kept = std::string(folder) + "/" + std::to_string(++kept_) + ".bag";
+    std::filesystem::copy_file(spoiled(), kept, std::filesystem::copy_options::overwrite_existing);
+    std::printf("kept as %s\n", kept.c_str());
   }
 
   void tell() const {
@@ -330,7 +334,11 @@ TEST_F(BagFuzz, EveryOptionReadsSpoiledBagsWithoutDying) {
     const Outcome outcome = runReplay(spoiled(), option, folder_ / "log");
     EXPECT_TRUE(outcome.code >= 0 && outcome.code <= 2) << option[0] << ", " << how << "\n" << outcome.output;
     EXPECT_LT(outcome.rss_kB, kMostRss_kB) << option[0] << ", " << how;
-    deaths_ += outcome.output.find("died with signal") != std::string::npos ? 1 : 0;
+    if (outcome.output.find("died with signal") != std::string::npos) {
+      ++deaths_;
+      std::printf("%s, %s: %s\n", option[0].c_str(), how.c_str(), outcome.output.c_str());
+      keep();
+    }
     ++codes_[outcome.code];
     most_rss_kB_ = std::max(most_rss_kB_, outcome.rss_kB);
   }
