@@ -100,7 +100,8 @@ TEST_F(Export, CsvHoldsToolsDeviceAndInputs) {
   const std::vector<std::string> inputs = readLines(folder_ / "inputs.csv");
   EXPECT_EQ(inputs.size(), 1U + 41U + 1U);  // forces and a cut
   EXPECT_NE(inputs[17].find(",refused,"), std::string::npos) << inputs[17];
-  EXPECT_EQ(readLines(folder_ / "simulation.csv").size(), 1U) << "none was recorded";
+  EXPECT_EQ(readLines(folder_ / "simulation.csv").size(), 1U + bag.longest().stats().size());
+  EXPECT_EQ(readLines(folder_ / "device_pose.csv").size(), 1U) << "none was recorded";
   EXPECT_EQ(readLines(folder_ / "rendering.csv").size(), 1U + 4U);
 }
 

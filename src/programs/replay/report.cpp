@@ -65,7 +65,7 @@ std::string title(const Arguments& a) {
   if (a.resimulate)
     return bag + ", simulated again";
   if (!a.against.empty())
-    return fileNameOf(a.against) + " against " + bag;
+    return bag + " against " + fileNameOf(a.against);
   return a.check ? bag + ", replayed" : bag;
 }
 
