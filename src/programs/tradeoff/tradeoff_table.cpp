@@ -16,8 +16,8 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// What is less than 1 % more exact than something cheaper is no step of the front.
 constexpr double kWorthwhile = 0.99;
-constexpr const char* kColours[] = {"#4477aa", "#66ccee", "#228833", "#ccbb44",
-                                    "#ee6677", "#aa3377", "#bbbbbb", "#222255"};
+constexpr const char* kColours[] = {"#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377",
+                                    "#bbbbbb", "#222255", "#dd8833", "#999933", "#663300", "#44bb99"};
 constexpr int kShapes[] = {7, 5, 9, 13, 11, 15, 4, 6};  ///< gnuplot's filled shapes first
 
 bool drawable(const TradeoffRow& row) {
