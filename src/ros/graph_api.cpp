@@ -114,6 +114,14 @@ std::optional<Registrations> master_api::registrations() {
   return known;
 }
 
+std::set<std::string> master_api::publishedTopics() {
+  std::set<std::string> names;
+  auto list = callMaster("getPublishedTopics", arguments(std::string()));
+  for (int n = 0; list && n < list->size(); ++n)
+    names.insert(std::string((*list)[n][0]));
+  return names;
+}
+
 std::set<std::string> master_api::subscribers(const std::string& topic) {
   std::set<std::string> names;
   auto state = callMaster("getSystemState", arguments());

@@ -41,6 +41,8 @@ void updatePublishers(const std::string& topic, const std::set<std::string>& pub
 namespace master_api {
 /// What it knows of this process.
 std::optional<Registrations> registrations();
+/// Names of the topics that somebody publishes; empty when it could not be asked.
+std::set<std::string> publishedTopics();
 /// Names of the nodes that listen to a topic; empty when it could not be asked.
 std::set<std::string> subscribers(const std::string& topic);
 bool registerPublisher(const std::string& topic, const std::string& type);

@@ -3,11 +3,12 @@
 #include <ros/callback_queue.h>
 #include <ros/console.h>
 #include <ros/init.h>
-#include <ros/master.h>
 
+#include <chrono>
 #include <cstdio>
 #include <cstring>
 
+#include "graph_api.h"
 #include "soft_volume/messages/topics.h"
 #include "soft_volume/ros/parameters.h"
 #include "soft_volume/ros/recording_info.h"
@@ -17,7 +18,7 @@ namespace {
 
 /// Enough for some seconds of a 1 kHz topic. Callbacks only queue, so it fills up only when the machine stands still.
 constexpr std::uint32_t kSubscriberQueue = 10000;
-constexpr double kSearchInterval_s = 0.5;
+constexpr double kSearchInterval_s = 0.25;
 constexpr double kWatchInterval_s = 0.25;
 constexpr char kPattern[] = "*/";
 
@@ -93,6 +94,9 @@ RecorderNode::RecorderNode(const ros::NodeHandle& node, const ros::NodeHandle& p
     }
   }
   findTopics();
+  if (search_.valid())
+    search_.wait();
+  findTopics();
   status_publisher_ = node_.advertise<RecorderStatus>(topics::kRecorderStatus, 10, true);
   diagnostics_.setHardwareID("none");
   diagnostics_.add("recorder", this, &RecorderNode::diagnose);
@@ -124,17 +128,23 @@ void RecorderNode::subscribe(const std::string& topic) {
 void RecorderNode::findTopics() {
   if (endings_.empty())
     return;
-  ros::master::V_TopicInfo topics;
-  if (!ros::master::getTopics(topics))
-    return;
+  const bool found = search_.valid() && search_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  if (found)
+    subscribeMatching(search_.get());
+  // In a thread of its own: a master that is away would keep the messages waiting.
+  if (!search_.valid())
+    search_ = std::async(std::launch::async, master_api::publishedTopics);
+}
+
+void RecorderNode::subscribeMatching(const std::set<std::string>& topics) {
   const std::string own = node_.resolveName("");
-  for (const ros::master::TopicInfo& topic : topics) {
-    const bool within = topic.name.compare(0, own.size(), own) == 0;
-    if (!within || subscribers_.count(topic.name) != 0)
+  for (const std::string& topic : topics) {
+    const bool within = topic.compare(0, own.size(), own) == 0;
+    if (!within || subscribers_.count(topic) != 0)
       continue;
     for (const std::string& ending : endings_) {
-      if (endsWith(topic.name, ending))
-        subscribe(topic.name);
+      if (endsWith(topic, ending))
+        subscribe(topic);
     }
   }
 }

@@ -5,8 +5,10 @@
 #include <soft_volume/RecorderStatus.h>
 
 #include <csignal>
+#include <future>
 #include <map>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -43,6 +45,7 @@ class RecorderNode {
   void subscribe(const std::string& topic);
   /// Publishers of topics that match a pattern may come at any time.
   void findTopics();
+  void subscribeMatching(const std::set<std::string>& topics);
   void hear(const std::string& topic, const ros::MessageEvent<const AnyMessage>& event);
   void takeArrived();
   void writeInfo();
@@ -57,7 +60,8 @@ class RecorderNode {
   ros::NodeHandle node_;
   std::string file_;
   std::vector<std::string> endings_;  ///< of the patterns
-  std::mutex watch_mutex_;            ///< the recorder's thread takes the last events
+  std::future<std::set<std::string>> search_;
+  std::mutex watch_mutex_;  ///< the recorder's thread takes the last events
   RecordingWatch watch_;
   BagRecorder recorder_;
   std::map<std::string, ros::Subscriber> subscribers_;  ///< by resolved topic
