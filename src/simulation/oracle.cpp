@@ -8,7 +8,7 @@
 #include <set>
 #include <utility>
 
-#include "prestress.h"
+#include "soft_volume/simulation/prestress.h"
 
 namespace soft_volume::core {
 namespace {
@@ -132,13 +132,11 @@ std::pair<std::uint32_t, std::uint32_t> pairVertices(const Lattice& lattice, std
 }  // namespace
 
 OracleModel::OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule)
-    : OracleModel(lattice, materials, rule, findSlack(lattice, materials, rule)) {}
+    : OracleModel(lattice, materials, rule, findPrestress(lattice, materials, rule)) {}
 
 OracleModel::OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule,
-                         std::vector<Vector3> slack_m)
-    : lattice_(&lattice), rest_corners_(boxCorners(lattice.spacing_m)), slack_m_(std::move(slack_m)) {
-  for (const Material& material : materials)
-    prestretch_.push_back(material.prestretch);
+                         Prestress prestress)
+    : lattice_(&lattice), rest_corners_(boxCorners(lattice.spacing_m)), prestress_(std::move(prestress)) {
   if (rule == SpringRule::kDissertation) {
     volume_modulus_pa_.assign(materials.size(), 0.0);
     relief_n_m_.assign(materials.size(), 0.0);
@@ -182,7 +180,7 @@ void OracleModel::findRestShapes() {
   rest_length_m_.push_back(pairLengths(rest_corners_));
   length_row_.assign(lattice_->cellCount(), 0);
   for (std::size_t cell = 0; cell < lattice_->cellCount(); ++cell) {
-    if (slack_m_.empty() && lattice_->rest_stretch[cell] == Vector3::Ones())
+    if (prestress_.empty() && lattice_->rest_stretch[cell] == Vector3::Ones())
       continue;
     length_row_[cell] = static_cast<std::uint32_t>(rest_length_m_.size());
     rest_length_m_.push_back(restLengths(cell));
@@ -191,18 +189,19 @@ void OracleModel::findRestShapes() {
 
 OracleModel::PerPair OracleModel::restLengths(std::size_t cell) const {
   PerPair lengths = pairLengths(boxCorners(lattice_->spacing_m.cwiseProduct(lattice_->rest_stretch[cell])));
-  for (std::size_t s = 0; s < kCornerPairs.size() && !slack_m_.empty(); ++s) {
+  for (std::size_t s = 0; s < kCornerPairs.size() && !prestress_.empty(); ++s) {
     const CornerPair& pair = kCornerPairs[s];
     const Vector3 way = rest_corners_[pair.b] - rest_corners_[pair.a];
-    const Vector3 slack = slack_m_[lattice_->cells[cell][pair.b]] - slack_m_[lattice_->cells[cell][pair.a]];
-    lengths[s] *= 1.0 / prestretch_[lattice_->materials[cell]] - way.dot(slack) / way.squaredNorm();
+    const Vector3 slack =
+        prestress_.slack_m[lattice_->cells[cell][pair.b]] - prestress_.slack_m[lattice_->cells[cell][pair.a]];
+    lengths[s] *= 1.0 / prestress_.stretchOf(*lattice_, cell) - way.dot(slack) / way.squaredNorm();
   }
   return lengths;
 }
 
 OracleModel::Volume OracleModel::volume(std::size_t cell) const {
   const std::uint16_t material = lattice_->materials[cell];
-  const double slack = slack_m_.empty() ? 1.0 : slackVolume(*lattice_, slack_m_, prestretch_[material], cell);
+  const double slack = prestress_.empty() ? 1.0 : prestress_.volume(*lattice_, cell);
   return {volume_modulus_pa_[material], lattice_->spacing_m.prod() * lattice_->rest_stretch[cell].prod() * slack};
 }
 

@@ -78,7 +78,7 @@ RestSystem::RestSystem(const Lattice& lattice, SpringRule rule, const SpringMode
       for (const MergedSpring& spring : row.springs)
         entries_.push_back(
             {spring.neighbour, spring.direction, spring.stiffness_n_m,
-             model.slack_m.empty() ? 0.0 : 1.0 - spring.rest_length_m / model.lengths_m[spring.direction]});
+             model.prestress.empty() ? 0.0 : 1.0 - spring.rest_length_m / model.lengths_m[spring.direction]});
     }
     row_begin_.push_back(static_cast<std::uint32_t>(entries_.size()));
   }

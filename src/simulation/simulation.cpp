@@ -8,7 +8,6 @@
 
 #include "lattice_index.h"
 #include "lip_row.h"
-#include "prestress.h"
 #include "rest_system.h"
 #include "safe_move.h"
 #include "soft_volume/common/error.h"
@@ -16,6 +15,7 @@
 #include "soft_volume/grid/hexahedron.h"
 #include "soft_volume/simulation/corner_width.h"
 #include "soft_volume/simulation/oracle.h"
+#include "soft_volume/simulation/prestress.h"
 #include "solver.h"
 
 namespace soft_volume::core {
@@ -230,7 +230,7 @@ Simulation::Impl::Impl(const Lattice& l, const std::vector<Material>& m, const S
     const double frequency = dampingFrequency();
     model = makeSpringModel(*lattice, *materials, settings.spring_rule, frequency);
   }
-  model.slack_m = findSlack(*lattice, *materials, settings.spring_rule);
+  model.prestress = findPrestress(*lattice, *materials, settings.spring_rule);
   chooseStep();
   solver = makeSolver(settings.precision, *lattice, index, threads);
   state.displacements_m.assign(lattice->vertexCount(), Vector3::Zero());
@@ -269,7 +269,7 @@ double Simulation::Impl::copiesLimit() const {
   if (!cell_limit_s) {
     double most = 0.0;
     SpringModel slack = model;
-    slack.slack_m.clear();
+    slack.prestress = {};
     for (std::size_t m = 0; m < materials->size(); ++m) {
       if ((*materials)[m].fixed)
         continue;
@@ -451,7 +451,7 @@ double Simulation::Impl::frontierError() const {
     const auto& vertices = lattice->cells[cell];
     const bool at_rest = std::all_of(vertices.begin(), vertices.end(),
                                      [this](std::uint32_t v) { return state.displacements_m[v].isZero(0.0); });
-    if (!at_rest || !model.slack_m.empty())
+    if (!at_rest || !model.prestress.empty())
       oracleModel().addCellForces(cell, state.displacements_m, held_n);
     if (at_rest)
       continue;
@@ -588,8 +588,8 @@ void Simulation::Impl::adoptTopology() {
   }
   for (std::size_t cell = state.lifetimes.size(); cell < lattice->cellCount(); ++cell)
     state.lifetimes.push_back(state.lifetimes[std::size_t(lattice->cell_at[lattice->parent_cells[cell]])]);
-  if (!model.slack_m.empty())
-    extendSlack(*lattice, model.slack_m);
+  if (!model.prestress.empty())
+    model.prestress.extend(*lattice);
   chooseStep();
   index.refresh();
   oracle.reset();
@@ -616,7 +616,7 @@ void Simulation::Impl::setLips(std::vector<LipContact> contacts) {
 /// Kept once it was asked for: tests and validation ask often, the nodes never do.
 const OracleModel& Simulation::Impl::oracleModel() const {
   if (!oracle)
-    oracle = std::make_unique<OracleModel>(*lattice, *materials, settings.spring_rule, model.slack_m);
+    oracle = std::make_unique<OracleModel>(*lattice, *materials, settings.spring_rule, model.prestress);
   return *oracle;
 }
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "prestress.h"
+#include "soft_volume/simulation/prestress.h"
 
 namespace soft_volume::core {
 namespace {
@@ -300,9 +300,8 @@ void SolveSet<Real>::packCells(const SpringModel& model) {
     volume_modulus_[n] =
         static_cast<Real>(lattice_->shares[cells_[n]] * model.materials[lattice_->materials[cells_[n]]].volume_pa);
     double stretch = lattice_->rest_stretch[cells_[n]].prod();
-    if (!model.slack_m.empty())
-      stretch *=
-          slackVolume(*lattice_, model.slack_m, model.materials[lattice_->materials[cells_[n]]].prestretch, cells_[n]);
+    if (!model.prestress.empty())
+      stretch *= model.prestress.volume(*lattice_, cells_[n]);
     volume_stretch_[n] = static_cast<Real>(stretch);
   }
   corner_force_.assign(24 * stride, Real(0));

@@ -66,13 +66,13 @@ class RowBuilder {
     const std::uint8_t direction = cornerDirection(at.corner, corner);
     MergedSpring& spring = find(direction, lattice_->cells[at.cell][static_cast<std::size_t>(corner)]);
     const Vector3& stretch = lattice_->rest_stretch[at.cell];
-    const bool taut = !model_->slack_m.empty();
+    const bool taut = !model_->prestress.empty();
     const bool stretched = taut || stretch != Vector3::Ones();
     const double k = share * material.stiffness_n_m[direction];
     spring.stiffness_n_m += k;
     const double length =
         stretched ? model_->offsets_m[direction].cwiseProduct(stretch).norm() : model_->lengths_m[direction];
-    spring.rest_length_m += k * (taut ? length * slackLength(at, corner, direction, material.prestretch) : length);
+    spring.rest_length_m += k * (taut ? length * slackLength(at, corner, direction) : length);
     spring.stretched = spring.stretched || stretched;
     spring.shares += share;
     spring.places = static_cast<std::uint8_t>(spring.places + (spring.last_corner != at.corner ? 1 : 0));
@@ -80,12 +80,14 @@ class RowBuilder {
   }
 
   /// Rest length of a prestretched spring in units of its imaged length.
-  double slackLength(const CellCorner& at, int corner, std::uint8_t direction, double prestretch) const {
+  double slackLength(const CellCorner& at, int corner, std::uint8_t direction) const {
     const auto& vertices = lattice_->cells[at.cell];
+    const Prestress& prestress = model_->prestress;
     const Vector3 slack_m =
-        model_->slack_m[vertices[static_cast<std::size_t>(corner)]] - model_->slack_m[vertices[at.corner]];
+        prestress.slack_m[vertices[static_cast<std::size_t>(corner)]] - prestress.slack_m[vertices[at.corner]];
     const double length_m = model_->lengths_m[direction];
-    return 1.0 / prestretch - model_->offsets_m[direction].dot(slack_m) / (length_m * length_m);
+    return 1.0 / prestress.stretchOf(*lattice_, at.cell) -
+           model_->offsets_m[direction].dot(slack_m) / (length_m * length_m);
   }
 
   /// The spring to a neighbour, new or not.
@@ -177,7 +179,6 @@ SpringModel makeSpringModel(const Lattice& lattice, const std::vector<Material>&
     of.altitude_n_m = 4.0 * 0.35 * constants.mu_pa * model.shortest_edge_m;
     of.volume_pa = uniform || material.fixed ? 0.0 : constants.volume_pa;
     of.corner_mass_kg = material.density_kg_m3 * lattice.spacing_m.prod() / 8.0;
-    of.prestretch = material.prestretch;
     of.damping_rate_per_s = uniform ? 0.0 : 2.0 * material.damping_ratio * damping_frequency_rad_s;
     model.has_volume_energy = model.has_volume_energy || (used[model.materials.size()] && of.volume_pa > 0.0);
     model.materials.push_back(of);

@@ -6,6 +6,7 @@
 #include "kernel.h"
 #include "lattice_index.h"
 #include "soft_volume/material/material.h"
+#include "soft_volume/simulation/prestress.h"
 #include "soft_volume/simulation/settings.h"
 
 namespace soft_volume::core {
@@ -19,7 +20,6 @@ struct SpringModel {
     double altitude_n_m;                            ///< stiffness of the altitude springs
     double corner_mass_kg;
     double damping_rate_per_s;
-    double prestretch;
   };
   std::vector<OfMaterial> materials;
   SpringRule rule = SpringRule::kIsotropic;
@@ -31,8 +31,7 @@ struct SpringModel {
   std::array<Vector3, kDirections> offsets_m;  ///< to the neighbour in each direction
   std::array<double, kDirections> lengths_m;   ///< of these
   double shortest_edge_m = 0.0;
-  /// Per vertex, see prestress.h; empty where nothing is prestretched (then the materials' values do not count).
-  std::vector<Vector3> slack_m;
+  Prestress prestress;
   /// A step of symplectic Euler that is stable for certain, from the absolute row sums of one cell; 0 where unknown.
   double certain_step_s = 0.0;
 };

@@ -1,8 +1,9 @@
-#include "prestress.h"
+#include "soft_volume/simulation/prestress.h"
 
 #include <gtest/gtest.h>
 
 #include <cstdio>
+#include <random>
 
 #include "rest_system.h"
 #include "simulation_cases.h"
@@ -56,14 +57,14 @@ double largestForce(const std::vector<Vector3>& forces, const Lattice& lattice) 
 }
 
 TEST(Prestress, IsNoneUnlessAsked) {
-  EXPECT_TRUE(findSlack(bumpy(), {taut(1.0)[0], taut(1.0)[0]}, SpringRule::kIsotropic).empty());
+  EXPECT_TRUE(findPrestress(bumpy(), {taut(1.0)[0], taut(1.0)[0]}, SpringRule::kIsotropic).empty());
 }
 
 TEST(Prestress, InHomogeneousTissueThatIsHeldAllAroundNothingIsReleased) {
   const Lattice lattice = held(makeBlock(5, 4, 4, kH), onSurface);
   for (const double poisson_ratio : {0.25, 0.45}) {
     const std::vector<Material> materials = taut(1.2, 0.0, poisson_ratio);
-    for (const Vector3& slack : findSlack(lattice, materials, SpringRule::kIsotropic))
+    for (const Vector3& slack : findPrestress(lattice, materials, SpringRule::kIsotropic).slack_m)
       EXPECT_LT(slack.norm(), 1e-9 * kH);
     const std::vector<Vector3> rest(lattice.vertexCount(), Vector3::Zero());
     EXPECT_LT(largestForce(oracleForces(lattice, materials, rest), lattice), 1e-9 * kModulus * kH * kH);
@@ -107,6 +108,37 @@ TEST(Prestress, UncutTissueStaysWhereItIs) {
   }
 }
 
+/// Soft tissue with holes that grows on bone with holes: corners that hang on little, as where a scan's skin is one
+/// cell thick. Such a corner's tension may be in equilibrium and still let it buckle at the first touch.
+Lattice ragged(unsigned seed) {
+  std::mt19937 random(seed);
+  std::vector<std::int32_t> cells(8 * 8 * 8);
+  for (std::int32_t& cell : cells)
+    cell = random() % 10 < 8 ? static_cast<std::int32_t>(random() % 2) : Lattice::kNone;
+  Lattice lattice = makeLattice({8, 8, 8}, Vector3::Constant(kH), Vector3::Zero(), cells);
+  for (std::size_t c = 0; c < lattice.cellCount(); ++c) {
+    for (const std::uint32_t v : lattice.cells[c])
+      lattice.fixed[v] = lattice.fixed[v] | std::uint8_t(lattice.materials[c]);
+  }
+  return lattice;
+}
+
+TEST(Prestress, RaggedTissueDoesNotBuckleWhenTouched) {
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    const Lattice lattice = ragged(seed);
+    std::vector<Material> materials = {taut(1.15, 0.5, 0.45)[0], taut(1.0)[0]};
+    materials[1].fixed = true;
+    Simulation simulation(lattice, materials, wholeLattice(), 1);
+    std::mt19937 random(seed);
+    std::vector<Vector3> touched = noVectors(lattice);
+    for (Vector3& displacement : touched)
+      displacement = 1e-3 * kH / 4294967296.0 * Vector3(random(), random(), random());
+    place(simulation, touched, noVectors(lattice));
+    run(simulation, 4000);
+    EXPECT_LT(simulation.maxDisplacement(), 1e-2 * kH) << "seed " << seed;
+  }
+}
+
 /// The fast engine and the oracle mean the same by it, cut and deformed.
 TEST(Prestress, FastEngineFollowsTheOracle) {
   const std::vector<Material> materials = {taut(1.15, 0.0, 0.45)[0], taut(1.05)[0]};
@@ -133,10 +165,11 @@ TEST(Prestress, SlackDoesNotDependOnCuts) {
   const std::vector<Material> materials = {taut(1.15, 0.0, 0.45)[0], taut(1.05)[0]};
   const Lattice whole = bumpy();
   const Lattice cut = cutIntoPieces(whole, materials);
-  const std::vector<Vector3> before = findSlack(whole, materials, SpringRule::kIsotropic);
-  std::vector<Vector3> extended = before;
-  extendSlack(cut, extended);
-  EXPECT_EQ(findSlack(cut, materials, SpringRule::kIsotropic), extended);
+  Prestress extended = findPrestress(whole, materials, SpringRule::kIsotropic);
+  extended.extend(cut);
+  const Prestress found = findPrestress(cut, materials, SpringRule::kIsotropic);
+  EXPECT_EQ(found.slack_m, extended.slack_m);
+  EXPECT_EQ(found.stretch, extended.stretch);
   EXPECT_NEAR(oracleEnergy(cut, materials, std::vector<Vector3>(cut.vertexCount(), Vector3::Zero())) /
                   oracleEnergy(whole, materials, std::vector<Vector3>(whole.vertexCount(), Vector3::Zero())),
               1.0, 1e-12);

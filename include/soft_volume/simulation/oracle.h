@@ -7,6 +7,7 @@
 #include "soft_volume/grid/lattice.h"
 #include "soft_volume/material/material.h"
 #include "soft_volume/simulation/corner_width.h"
+#include "soft_volume/simulation/prestress.h"
 #include "soft_volume/simulation/settings.h"
 
 namespace soft_volume::core {
@@ -27,10 +28,8 @@ class OracleModel {
   /// it, and there is no volume energy. Throws SceneError as isotropicSprings(), elasticConstants() and
   /// dissertationStrength() do.
   OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule);
-  /// The same where the slack of prestretched tissue is known (one per vertex, metres; none where nothing is
-  /// prestretched): finding it is what takes long.
-  OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule,
-              std::vector<Vector3> slack_m);
+  /// The same where the tension of prestretched tissue is known: finding it is what takes long.
+  OracleModel(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule, Prestress prestress);
 
   /// Adds the forces on all vertices, fixed ones included, newton.
   void addForces(const std::vector<Vector3>& displacements_m, std::vector<Vector3>& forces_n) const;
@@ -67,8 +66,7 @@ class OracleModel {
   std::vector<std::uint32_t> length_row_;
   std::vector<double> volume_modulus_pa_;  ///< per material
   std::vector<double> relief_n_m_;         ///< per material, bendingRelief()
-  std::vector<double> prestretch_;         ///< per material
-  std::vector<Vector3> slack_m_;
+  Prestress prestress_;
 };
 
 std::vector<Vector3> oracleForces(const Lattice& lattice, const std::vector<Material>& materials,

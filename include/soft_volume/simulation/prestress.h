@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "soft_volume/grid/lattice.h"
@@ -23,14 +24,27 @@ namespace soft_volume::core {
 /// carries none at all. Rest lengths follow: L / s - n . (w_b - w_a) for a spring from a to b along n, and likewise the
 /// rest volume. Cuts divide it like all of a cell's energy, and what they part pulls back.
 ///
-/// Returns w, one per vertex, replicas' those of their originals; empty where no material is prestretched. A cut
-/// lattice has the tension that it had before.
-std::vector<Vector3> findSlack(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule);
+/// An equilibrium need not be stable: what the release compresses may buckle, like a corner of fat that a single cell
+/// holds to a bone. Cells with a vertex that the tension leaves less than a third of its stiffness, while its
+/// neighbours stay, are therefore imaged slack (s = 1), and the rest is released anew.
+///
+/// The default is tissue without tension.
+struct Prestress {
+  std::vector<Vector3> slack_m;  ///< w, one per vertex, replicas' those of their originals; empty without tension
+  std::vector<double> stretch;   ///< s, one per cell of the uncut lattice
 
-/// Gives replicas that were added since their originals' slack.
-void extendSlack(const Lattice& lattice, std::vector<Vector3>& slack_m);
+  bool empty() const { return slack_m.empty(); }
+  /// s of a cell, that of its original where it is a copy.
+  double stretchOf(const Lattice& lattice, std::size_t cell) const {
+    return stretch[lattice.firstCell(static_cast<std::uint32_t>(cell))];
+  }
+  /// Rest volume of a cell in units of its imaged volume.
+  double volume(const Lattice& lattice, std::size_t cell) const;
+  /// Gives replicas that were added since their originals' slack.
+  void extend(const Lattice& lattice);
+};
 
-/// Rest volume of a cell in units of its imaged volume.
-double slackVolume(const Lattice& lattice, const std::vector<Vector3>& slack_m, double prestretch, std::size_t cell);
+/// A cut lattice has the tension that it had before.
+Prestress findPrestress(const Lattice& lattice, const std::vector<Material>& materials, SpringRule rule);
 
 }  // namespace soft_volume::core
