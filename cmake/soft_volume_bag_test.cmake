@@ -18,6 +18,10 @@ if(NOT SOFT_VOLUME_BAG_TEST_PROGRAMS)
   get_filename_component(SOFT_VOLUME_BAG_TEST_PROGRAMS "${soft_volume_DIR}/../../../lib/soft_volume" ABSOLUTE)
 endif()
 
+# A function keeps the policies that it was defined with: packages may ask for a CMake that is older than IN_LIST.
+cmake_policy(PUSH)
+cmake_policy(VERSION 3.16)
+
 function(soft_volume_add_bag_test)
   cmake_parse_arguments(ARG "" "NAME;BAG;AGAINST;THREADS;TIMEOUT" "TOLERANCE;RESIMULATE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
@@ -80,3 +84,5 @@ function(soft_volume_add_bag_test)
     add_dependencies(run_tests run_tests_${PROJECT_NAME}_bag_${ARG_NAME})
   endif()
 endfunction()
+
+cmake_policy(POP)

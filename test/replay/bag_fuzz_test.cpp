@@ -245,6 +245,7 @@ class BagFuzz : public testing::Test {
       return;
     unnoticed_ += noticed ? 0 : 1;
     keep();
+    EXPECT_TRUE(noticed) << how << " changed what the bag holds, and nobody said so\n" << outcome.output;
     EXPECT_TRUE(ended) << how << " ended with " << outcome.code << "\n" << outcome.output;
     EXPECT_LT(outcome.rss_kB, kMostRss_kB) << how << "\n" << outcome.output;
   }
@@ -296,7 +297,6 @@ TEST_F(BagFuzz, SpoiledMessagesAreErrorsOrDifferences) {
   rewriteBag(whole(false), "/dev/null", [&](RawMessage&) { return ++messages > 0 && false; });
   for (int n = 0; n < variants() / 2; ++n) {
     std::string how;
-    // In a child: rosbag's library keeps what it was told of types for as long as a process lives.
     std::size_t left = spoiler.below(messages);
     rewriteBag(whole(false), spoiled(), [&](RawMessage& raw) {
       if (left-- != 0 || raw.bytes.size() < 8)

@@ -160,11 +160,12 @@ class RecorderTest(graph.GraphTest):
   def testItSaysThatTheDiskIsFull(self):
     disk = os.path.join(self.folder, 'disk')
     os.mkdir(disk)
-    subprocess.check_call(['mount', '-t', 'tmpfs', '-o', 'size=3m', 'none', disk])
+    subprocess.check_call(['mount', '-t', 'tmpfs', '-o', 'size=6m', 'none', disk])
     try:
       self.bag = os.path.join(disk, 'run.bag')
-      recorder = self.startRecorder(reserve_mib=1, compression='none')
-      simulation = self.startSimulation()
+      recorder = self.startRecorder(reserve_mib=3, compression='none')
+      # As fast as it can, it might fill the reserve within a chunk.
+      simulation = self.startSimulation(real_time_factor=1)
       simulation.pause(False)
       self.wait_for_status('recorder', lambda s: s.level in (2, b'\x02') and 'less than the reserve' in s.message,
                            'an error that names the full disk')
