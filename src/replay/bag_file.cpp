@@ -35,6 +35,14 @@ long partNumber(const std::string& name, const std::string& stem) {
   return is_part ? std::stol(rest.substr(0, digits)) : -1;
 }
 
+/// BASE, BASE.2, BASE.3 and so on, the first that is not there yet.
+std::string freeName(const std::string& base) {
+  std::string name = base;
+  for (int n = 2; fs::exists(name); ++n)
+    name = base + "." + std::to_string(n);
+  return name;
+}
+
 }  // namespace
 
 std::uint32_t firstPart(const std::string& file) {
@@ -82,10 +90,7 @@ bool ActiveFile::open(int flags) {
 
 /// A bag that a killed recorder left behind holds data that may be the only copy.
 void ActiveFile::keepInterrupted(const std::string& file) const {
-  std::string kept = file + ".interrupted";
-  for (int n = 2; fs::exists(kept); ++n)
-    kept = file + ".interrupted." + std::to_string(n);
-  fs::rename(path_, kept);
+  fs::rename(path_, freeName(file + ".interrupted"));
 }
 
 BagFile::BagFile(const std::string& file, bool compress)
@@ -131,6 +136,9 @@ void BagFile::closeChunk() {
 
 void BagFile::close() {
   bag_->close();
+  // A recorder that is started again after each end has the same file every time.
+  if (fs::exists(file_))
+    fs::rename(file_, freeName(file_ + ".former"));
   fs::rename(active_.path(), file_);
 }
 

@@ -53,7 +53,8 @@ class BagFile {
   Clock::time_point chunkDeadline() const { return chunk_deadline_; }
   /// Hands everything to the kernel. Throws core::FileError when less than that has arrived in the file.
   void closeChunk();
-  /// Ends the bag and renames it to FILE. Throws on failure; FILE.active then holds what was written.
+  /// Ends the bag and renames it to FILE; a FILE that was there is kept as FILE.former, or FILE.former.2 and so on.
+  /// Throws on failure; FILE.active then holds what was written.
   void close();
   bool isOpen() const { return bag_ && bag_->isOpen(); }
   /// Leaves FILE.active as it is.

@@ -221,6 +221,18 @@ TEST(BagRecorder, KeepsWhatAKilledRecorderLeftBehind) {
   EXPECT_EQ(recordedSequences(folder / "a.bag").size(), 1U);
 }
 
+TEST(BagRecorder, KeepsFormerRecordings) {
+  const TestFolder folder;
+  for (std::uint64_t n = 1; n <= 3; ++n) {
+    BagRecorder recorder(settingsFor(folder / "a.bag"));
+    for (std::uint64_t sequence = 0; sequence < n; ++sequence)
+      recorder.write("tool/force", at(sequence), force(sequence));
+  }
+  EXPECT_EQ(recordedSequences(folder / "a.bag.former").size(), 1U);
+  EXPECT_EQ(recordedSequences(folder / "a.bag.former.2").size(), 2U);
+  EXPECT_EQ(recordedSequences(folder / "a.bag").size(), 3U);
+}
+
 TEST(BagRecorder, RefusesTheFileOfAnotherRecorder) {
   const TestFolder folder;
   BagRecorder first(settingsFor(folder / "a.bag"));

@@ -46,8 +46,8 @@ boost::shared_ptr<AnyMessage> anyMessage(const Message& message) {
 ///   FILE.active brings back all but the last second.
 /// - It stops by itself when the disk is nearly full or a write fails, with the bag closed properly where that is still
 ///   possible; else FILE.active can be indexed.
-/// - close() writes what is queued and renames FILE.active to FILE, replacing a former FILE. A FILE.active that a
-///   killed recorder left behind is kept as FILE.interrupted (.2, .3, ...).
+/// - close() writes what is queued and renames FILE.active to FILE. Nothing is replaced: a FILE that was there is kept
+///   as FILE.former (.2, .3, ...), and a FILE.active that a killed recorder left behind as FILE.interrupted (likewise).
 ///
 /// With `split_bytes` the files are called NAME_0.bag, NAME_1.bag and so on, beginning beyond those that are there.
 /// Each is complete in itself: it begins with everything latched, the topology, the newest checkpoint and what followed
