@@ -21,8 +21,6 @@ namespace {
 
 /// Messages of a run that ended may still come when the next has begun, such as the statistics of a frame.
 constexpr double kSettled_s = 2.0;
-/// A simulation that sends no checkpoints for long must not fill the memory; a part then waits for the next one.
-constexpr std::uint64_t kMostKeptBytes = std::uint64_t(128) << 20;
 
 template <typename Message>
 const std::string& nameOf() {
@@ -80,6 +78,8 @@ void PartStart::hearKnown(const std::string& type, const QueuedMessage& message)
       for (const Known& state : states_)
         kept_bytes_ -= state.message.bytes();
       states_.clear();
+    } else if (states_.empty()) {
+      return;  // a change to what is not kept
     }
     keep(states_, std::move(known));
   } else if (type == nameOf<SimulationCheckpoint>()) {
@@ -113,7 +113,7 @@ void PartStart::hearCheckpoint(const Known& checkpoint) {
 }
 
 void PartStart::limit() {
-  if (kept_bytes_ <= kMostKeptBytes)
+  if (kept_bytes_ <= most_kept_bytes_)
     return;
   newest_.erase(nameOf<SimulationCheckpoint>());
   for (auto* list : {&states_, &journals_, &inputs_})

@@ -15,6 +15,10 @@ namespace soft_volume {
 /// it came through the recorder before, so that a part can begin without asking the simulation for anything.
 class PartStart {
  public:
+  /// Most that is kept of states, journals and inputs. A simulation that sends no checkpoints for long must not fill
+  /// the memory; beyond it a part waits for the next checkpoint and key frame.
+  explicit PartStart(std::uint64_t most_kept_bytes = std::uint64_t(128) << 20) : most_kept_bytes_(most_kept_bytes) {}
+
   void hear(const QueuedMessage& message);
 
   /// Whether a part can begin now: everything is there, of one run that has lasted a while, and the journal is without
@@ -41,6 +45,7 @@ class PartStart {
   bool journalIsWhole() const;
   void limit();
 
+  std::uint64_t most_kept_bytes_;
   std::map<std::pair<std::string, std::string>, QueuedMessage> latched_;  ///< by topic and publisher
   std::map<std::string, Known> newest_;                                   ///< scene, volume and checkpoint, by type
   std::vector<Known> topologies_;                                         ///< a whole one and the changes to it
