@@ -164,8 +164,8 @@ class RecorderTest(graph.GraphTest):
     try:
       self.bag = os.path.join(disk, 'run.bag')
       recorder = self.startRecorder(reserve_mib=3, compression='none')
-      # As fast as it can, it might fill the reserve within a chunk.
-      simulation = self.startSimulation(real_time_factor=1)
+      # As fast as it can, it might fill the reserve within a chunk; in real time it takes half a minute.
+      simulation = self.startSimulation(real_time_factor=20)
       simulation.pause(False)
       self.wait_for_status('recorder', lambda s: s.level in (2, b'\x02') and 'less than the reserve' in s.message,
                            'an error that names the full disk')
