@@ -62,6 +62,9 @@ void LockstepLoop::hear(const std::function<void(core::DeviceStreams&)>& hear) {
   if (streams_.waiting() >= kMostWaiting)
     return settings_.warn("the device is minutes ahead of the simulation; samples are dropped");
   hear(streams_);
+  // These keep no pose out, which would use them up.
+  if (streams_.keepNewestOfOthers(kMostWaiting) > 0)
+    settings_.warn("the device sends no poses for minutes of other messages; the oldest of those are dropped");
   wake_.notify_all();
 }
 

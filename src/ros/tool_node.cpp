@@ -127,6 +127,9 @@ core::DeviceTopics ToolNode::device() const {
 }
 
 ToolNode::~ToolNode() {
+  // In a nodelet callbacks go on in other threads; both use the loop, which ends below.
+  diagnostics_timer_.stop();
+  reset_service_.shutdown();
   subscribers_.clear();
   device_spinner_.stop();
   running_ = false;
@@ -198,6 +201,8 @@ void ToolNode::hearScene(const Scene::ConstPtr& message) {
 }
 
 void ToolNode::makeRig() {
+  if (lockstep_ && hand_session_ == session_)
+    return;  // latched messages come again with every connection
   const core::DeviceProfile* profile = profile_ ? &*profile_ : nullptr;
   auto rig = std::make_unique<ToolRig>(core::makeToolRig(*scene_, profile, rate_hz_, firstSequence()));
   auto notes = std::make_shared<RigNotes>();

@@ -5,6 +5,14 @@
 namespace soft_volume::core {
 namespace {
 
+/// Returns how many were dropped.
+template <typename Timed>
+std::size_t keepNewest(std::deque<Timed>& waiting, std::size_t most) {
+  const std::size_t excess = waiting.size() > most ? waiting.size() - most : 0;
+  waiting.erase(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(excess));
+  return excess;
+}
+
 std::int64_t nanoseconds(double seconds) {
   return static_cast<std::int64_t>(seconds * 1e9);
 }
@@ -55,6 +63,14 @@ std::size_t DeviceStreams::declareSparse() {
     progress.sparse = true;
     ++count;
   }
+  return count;
+}
+
+std::size_t DeviceStreams::keepNewestOfOthers(std::size_t most) {
+  std::size_t count = keepNewest(velocities_, most);
+  for (std::deque<TimedButtons>& presses : presses_)
+    count += keepNewest(presses, most);
+  dropped_ += count;
   return count;
 }
 

@@ -4,6 +4,7 @@
 import json
 import os
 import subprocess
+import time
 import xmlrpc.client
 
 import rosbag
@@ -84,15 +85,15 @@ def input_of(entry):
   return message.tool_id, message.header.stamp.to_nsec(), str(message)
 
 
-def connections(node):
-  """Topics that a node gets from the player, over connections that stand."""
+def connections(node, publisher='/player'):
+  """Topics that a node gets from the player or another one, over connections that stand."""
   master = rosgraph.Master(rospy.get_name())
   try:
-    player = master.lookupNode('/player')
+    uri = master.lookupNode(publisher)
   except rosgraph.MasterError:
     return set()
   links = xmlrpc.client.ServerProxy(master.lookupNode(node)).getBusInfo(rospy.get_name())[2]
-  return {link[4] for link in links if link[1] == player and link[2] == 'i' and link[5]}
+  return {link[4] for link in links if link[1] == uri and link[2] == 'i' and link[5]}
 
 
 class Load:
@@ -210,6 +211,25 @@ class LockstepTest(PlayingTest):
     self.assertLess(quantities['positions', '']['rms'], 0.03 * phantom.scene()['lattice']['spacing_m'])
     for tool in 'probe', 'scalpel':
       self.assertLess(quantities['force', tool]['rms'], 0.1)
+
+  def testLatchedMessagesThatComeAgainChangeNothing(self):
+    states = self.listen('tool/state', ToolState, keep=100000)
+    journals, nodes = self.startNodes('run.bag', lockstep='true')
+    player = self.startPlayer(rate=0.2)
+    states.wait(what='tick in lockstep')
+    simulation = rosgraph.Master(rospy.get_name()).lookupNode('/simulation')
+    for _ in range(12):  # more than the tool remembers rigs
+      for publishers in [], [simulation]:
+        with xmlrpc.client.ServerProxy(rosgraph.Master(rospy.get_name()).lookupNode('/tool')) as tool:
+          tool.publisherUpdate('/master', '/scene', publishers)
+        graph.wait_until(lambda: ('/scene' in connections('/tool', '/simulation')) == bool(publishers), 'connection')
+      time.sleep(0.05)  # for the latched message
+    states.clear()
+    states.wait(lambda s: s.device_force.z > 0.2, 'push after the scene came again')
+    self.assertFalse([e for j in journals.messages for e in j.entries if e.topic == 'lockstep' and 'left' in e.reason])
+    player.kill()
+    player.wait()
+    self.stop(nodes)
 
   def testADeviceThatFallsSilentEndsTheLockstepAndThePush(self):
     states = self.listen('tool/state', ToolState, keep=100000)

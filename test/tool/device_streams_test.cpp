@@ -124,6 +124,24 @@ TEST(DeviceStreams, OldMessagesAreDroppedAndLateOnesCounted) {
   EXPECT_TRUE(streams.next()->buttons.test(1));
 }
 
+TEST(DeviceStreams, TopicsWithoutPosesAreBoundedAndPosesStillComeThrough) {
+  DeviceStreams streams(true, 1);
+  std::size_t dropped = 0;
+  for (std::int64_t n = 0; n < 1000; ++n) {
+    streams.addVelocity(n * kMillisecond, Vector3(static_cast<double>(n), 0, 0));
+    streams.addButtons(0, n * kMillisecond, only(0), n % 2 == 0 ? only(0) : Buttons());
+    dropped += streams.keepNewestOfOthers(100);
+  }
+  EXPECT_EQ(dropped, 2U * 900U);
+  EXPECT_EQ(streams.dropped(), dropped);
+  streams.addPose(899 * kMillisecond, poseAt(0));  // what it would have had is gone
+  streams.addPose(998 * kMillisecond, poseAt(1));
+  EXPECT_FALSE(streams.next()->velocity_m_s);
+  const auto sample = streams.next();
+  EXPECT_EQ(sample->velocity_m_s->x(), 998.0);
+  EXPECT_TRUE(sample->buttons.test(0));
+}
+
 TEST(DeviceStreams, AnOldVelocityIsNone) {
   DeviceStreams streams(true, 0);
   streams.addVelocity(0, Vector3(1, 0, 0));

@@ -43,6 +43,9 @@ class DeviceStreams {
 
   /// The topics that the oldest pose waits for are sparse from now on; returns how many those are.
   std::size_t declareSparse();
+  /// Of each other topic than the poses, only so many messages wait from now on: the newest ones, each of which says
+  /// all that its topic has to say. For a device that sends no poses. Returns how many were dropped.
+  std::size_t keepNewestOfOthers(std::size_t most);
   /// Nothing more will come.
   void end() { ended_ = true; }
 
