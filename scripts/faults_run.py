@@ -37,13 +37,18 @@ REST_GAP_S = 1.0  # longest silence of what a fault does not concern
 RECORDER_GAP_S = 2.5  # its status comes once a second
 LOST_LIMIT_S = 1.0
 TISSUE_LIMIT_S = 0.1  # of simulated time; the journal is written every 0.02 s
-MEMORY_LIMIT_MIB = 200.0  # of growth; of a recorder that takes up what came during a fault, too
+MEMORY_LIMIT_MIB = 20.0  # of growth over a fault
+RECORDER_MEMORY_LIMIT_MIB = 200.0  # it takes up what came while its disk or the master was away
 WINDOW_S = 3.0
 Seen = collections.namedtuple('Seen', 'time what session step value')
 
 
 class Failure(Exception):
   pass
+
+
+# What ends a part of the run; the figures from before stay.
+BROKEN = (Failure, OSError, subprocess.SubprocessError, xmlrpc.client.Error)
 
 
 def wait_until(condition, what, limit_s=LIMIT_S):
@@ -246,7 +251,8 @@ class Graph:
     self.master = Master(folder)
     self.launch = Process(
         ['roslaunch', '--wait', '-p', str(self.master.port), 'soft_volume', 'demo.launch', 'respawn:=true',
-         'scene:=' + scene, 'simulated_time:=false', 'start_paused:=true', 'bag:=' + self.bag, 'resume_file:=' + folder + '/run.resume'],
+         'scene:=' + scene, 'simulated_time:=false', 'start_paused:=true', 'bag:=' + self.bag,
+         'resume_file:=' + folder + '/run.resume'],
         os.path.join(folder, 'launch.log'), self.master.environment)
     self.observer = Observer(folder, self.master.environment)
     # Nothing moves before all are there, so that the recording has the beginning.
@@ -311,12 +317,13 @@ def judge(figures):
     reasons.append('the recorder stood still for %.1f s' % figures['longest_silence_of_recorder_s'])
   if figures.get('tissue_lost_s', 0.0) > TISSUE_LIMIT_S:
     reasons.append('tissue states of %.3f s were lost' % figures['tissue_lost_s'])
-  if figures.get('same_bits') is False:
-    reasons.append('the resumed state is not the last journaled one')
+  if not figures.get('same_bits', True):
+    reasons.append('the resumed run is not the journaled one' if figures['same_bits'] is False else
+                   'no journaled state was heard before and after, so they cannot be compared')
   if figures.get('recording_lost_s', 0.0) > LOST_LIMIT_S:
     reasons.append('%.1f s of the recording were lost' % figures['recording_lost_s'])
   for node, (before, after) in figures.get('memory_mib', {}).items():
-    if before and after and after - before > MEMORY_LIMIT_MIB:
+    if before and after and after - before > (RECORDER_MEMORY_LIMIT_MIB if node == 'recorder' else MEMORY_LIMIT_MIB):
       reasons.append('%s grew by %.0f MiB' % (node, after - before))
   figures['survived'] = not reasons
   figures['reasons'] = reasons
@@ -348,24 +355,32 @@ def works_again(graph, node, start):
   return observer.first(start + 0.05, 'recorder', lambda s: s.value > 0)
 
 
-def tissue_loss(graph, start):
+def tissue_loss(observed, start):
   """Simulated time between the last state that was seen and the one that a killed simulation went on with, and whether
-  that is the journaled one."""
-  observer = graph.observer
-  journals = [s for s in observer.update() if s.what == 'journal']
-  old = [s for s in journals if s.time < start + 0.5 and s.session <= journals[0].session]
+  the first step that both journaled is the same state; None when there is none."""
+  journals = [s for s in observed if s.what == 'journal']
   last_session = max(s.session for s in journals if s.time < start)
-  old = [s for s in journals if s.session == last_session]
+  old = {s.step: s.value for s in journals if s.session == last_session}
   new = [s for s in journals if s.session > last_session]
-  last_state = max(s.step for s in observer.all if s.what == 'grid' and s.session == last_session)
-  resumed = new[0]
-  same = {s.step: s.value for s in old}.get(resumed.step)
-  return max(0.0, (last_state - resumed.step) * 1e-3), None if same is None else same == resumed.value
+  last_state = max(s.step for s in observed if s.what == 'grid' and s.session == last_session)
+  same = next((old[s.step] == s.value for s in new if s.step in old), None)
+  return max(0.0, (last_state - new[0].step) * 1e-3), same
+
+
+def wait_for_journal(observer):
+  """The next one is 20 ms away then: a kill right between its file and its listeners leaves nothing to compare."""
+  start = time.monotonic()
+  while not observer.first(start, 'journal'):
+    if time.monotonic() > start + LIMIT_S:
+      raise Failure('after %.0f s: still no journal' % LIMIT_S)
+    time.sleep(0.001)
 
 
 def kill_node(graph, node):
   before, pid = graph.memory(), graph.master.pid(node)
   others = {n: p for n, p in graph.pids().items() if n != node}
+  if node == 'simulation':
+    wait_for_journal(graph.observer)
   start, wall = time.monotonic(), time.time()
   os.kill(pid, signal.SIGKILL)
   back = wait_until(lambda: works_again(graph, node, start), '%s at work after it was killed' % node)
@@ -375,7 +390,7 @@ def kill_node(graph, node):
                    longest_silence_s=rest_gaps(graph.observer, start, end, CONCERNS[node]),
                    memory_mib=memory_change(before, graph.memory(), without=(node,)))
   if node == 'simulation':
-    lost, figures['same_bits'] = tissue_loss(graph, start)
+    lost, figures['same_bits'] = tissue_loss(graph.observer.update(), start)
     figures['tissue_lost_s'] = round(lost, 3)
   if any(graph.master.pid(n) != p for n, p in others.items()):
     raise Failure('another node died with the %s' % node)
@@ -591,6 +606,8 @@ def network_faults(programs, folder, scene, outages_s):
     for node in ('renderer', 'tool', 'device', 'simulation', 'recorder'):
       processes[node].stop()
     across(folder, results)
+  except BROKEN as failure:
+    results.append(tellEach(broken_off(results, failure)))
   finally:
     for process in list(processes.values()):
       process.stop()
@@ -806,6 +823,19 @@ def summary(results):
               longest_recovery_s=max((f.get('recovery_s', 0.0) for f in tried), default=0.0))
 
 
+def broken_off(results, failure):
+  after = results[-1]['fault'] if results else 'the start'
+  return dict(fault='after ' + after, survived=False, reasons=[str(failure) or type(failure).__name__])
+
+
+def part(name, figures):
+  """Figures of a part of the run, also of one that could not even begin."""
+  try:
+    return figures()
+  except BROKEN as failure:
+    return [tellEach(dict(broken_off([], failure), fault=name))]
+
+
 def faults_of_one_host(options, folder, scene):
   """Yields figures."""
   graph = Graph(options.programs, folder, scene)
@@ -820,9 +850,8 @@ def faults_of_one_host(options, folder, scene):
       results.append(tellEach(slow_renderer(graph, 5.0 if options.short else 30.0)))
     if 'silent' in options.only:
       results.append(tellEach(silent_subscriber(graph, 5.0 if options.short else 60.0)))
-  except Failure as failure:
-    results.append(tellEach(dict(fault='after ' + (results[-1]['fault'] if results else 'the start'), survived=False,
-                                 reasons=[str(failure)])))
+  except BROKEN as failure:
+    results.append(tellEach(broken_off(results, failure)))
   finally:
     graph.stop()
   results.append(tellEach(check_recordings(options.programs, folder, results)))
@@ -851,11 +880,12 @@ def run(options):
   scene = phantom.write_scene(folder, deep_scene())
   results = []
   if {'kill', 'master', 'slow', 'silent'} & set(options.only):
-    results += faults_of_one_host(options, folders['graph'], scene)
+    results += part('faults of one host', lambda: faults_of_one_host(options, folders['graph'], scene))
   if 'network' in options.only:
-    results += network_faults(options.programs, folders['network'], scene, [10.0] if options.short else [3.0, 10.0, 30.0])
+    outages_s = [10.0] if options.short else [3.0, 10.0, 30.0]
+    results += part('link down', lambda: network_faults(options.programs, folders['network'], scene, outages_s))
   if 'soak' in options.only:
-    results.append(tellEach(soak(options.programs, folders['soak'], options.soak_steps)))
+    results += part('soak', lambda: [tellEach(soak(options.programs, folders['soak'], options.soak_steps))])
   return results, folder
 
 
