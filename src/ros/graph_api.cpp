@@ -1,6 +1,7 @@
 #include "graph_api.h"
 
 #include <ros/connection_manager.h>
+#include <ros/console.h>
 #include <ros/master.h>
 #include <ros/network.h>
 #include <ros/this_node.h>
@@ -38,10 +39,10 @@ std::optional<XmlRpcValue> callMaster(const char* function, const XmlRpcValue& l
   return callApi({ros::master::getHost(), static_cast<int>(ros::master::getPort())}, function, list, kLimit_s);
 }
 
-std::map<std::string, std::string> topicTypes(std::optional<XmlRpcValue> list) {
+std::map<std::string, std::string> topicTypes(XmlRpcValue& list) {
   std::map<std::string, std::string> types;
-  for (int n = 0; list && n < list->size(); ++n)
-    types.emplace(std::string((*list)[n][0]), std::string((*list)[n][1]));
+  for (int n = 0; n < list.size(); ++n)
+    types.emplace(std::string(list[n][0]), std::string(list[n][1]));
   return types;
 }
 
@@ -55,6 +56,16 @@ std::set<std::string> namesWithThisNode(XmlRpcValue& list) {
     }
   }
   return names;
+}
+
+/// For callers that expect no XmlRpcException, which is no std::exception: an answer is read as far as it has its form.
+template <typename Read>
+void readWhatIsThere(const Read& read) {
+  try {
+    read();
+  } catch (const XmlRpc::XmlRpcException& error) {
+    ROS_WARN_THROTTLE(10.0, "an answer of the master is not of its form: %s", error.getMessage().c_str());
+  }
 }
 
 std::map<std::string, std::string> withoutTypes(const std::set<std::string>& topics) {
@@ -74,17 +85,20 @@ XmlRpcServerAddress addressOf(const std::string& uri) {
   return address;
 }
 
-Registrations own_api::registrations() {
-  Registrations own;
-  own.publications = topicTypes(callOwn("getPublications", arguments()));
-  own.subscriptions = topicTypes(callOwn("getSubscriptions", arguments()));
-  return own;
+std::optional<Registrations> own_api::registrations() {
+  auto publications = callOwn("getPublications", arguments());
+  auto subscriptions = callOwn("getSubscriptions", arguments());
+  if (!publications || !subscriptions)
+    return std::nullopt;
+  return Registrations{topicTypes(*publications), topicTypes(*subscriptions), {}};
 }
 
-std::vector<PublisherLink> own_api::links() {
-  std::vector<PublisherLink> links;
+std::optional<std::vector<PublisherLink>> own_api::links() {
   auto list = callOwn("getBusInfo", arguments());
-  for (int n = 0; list && n < list->size(); ++n) {
+  if (!list)
+    return std::nullopt;
+  std::vector<PublisherLink> links;
+  for (int n = 0; n < list->size(); ++n) {
     // [id, peer, direction, transport, topic...]; the peer of an incoming connection is an URI.
     XmlRpcValue& entry = (*list)[n];
     if (std::string(entry[2]) == "i" && std::string(entry[1]) != ownUri())
@@ -117,21 +131,25 @@ std::optional<Registrations> master_api::registrations() {
 std::set<std::string> master_api::publishedTopics() {
   std::set<std::string> names;
   auto list = callMaster("getPublishedTopics", arguments(std::string()));
-  for (int n = 0; list && n < list->size(); ++n)
-    names.insert(std::string((*list)[n][0]));
+  readWhatIsThere([&] {
+    for (int n = 0; list && n < list->size(); ++n)
+      names.insert(std::string((*list)[n][0]));
+  });
   return names;
 }
 
 std::set<std::string> master_api::subscribers(const std::string& topic) {
   std::set<std::string> names;
   auto state = callMaster("getSystemState", arguments());
-  if (!state || state->size() != 3)
-    return names;
-  XmlRpcValue& list = (*state)[1];
-  for (int n = 0; n < list.size(); ++n) {
-    for (int node = 0; std::string(list[n][0]) == topic && node < list[n][1].size(); ++node)
-      names.insert(std::string(list[n][1][node]));
-  }
+  readWhatIsThere([&] {
+    if (!state || state->size() != 3)
+      return;
+    XmlRpcValue& list = (*state)[1];
+    for (int n = 0; n < list.size(); ++n) {
+      for (int node = 0; std::string(list[n][0]) == topic && node < list[n][1].size(); ++node)
+        names.insert(std::string(list[n][1][node]));
+    }
+  });
   return names;
 }
 

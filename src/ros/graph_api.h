@@ -28,22 +28,24 @@ struct PublisherLink {
   std::string publisher_uri;  ///< XML-RPC, as the master lists it
 };
 
-/// This process as others see it through its API. All calls end within a second; what cannot be had is empty.
+/// This process as others see it through its API. Null: it could not be asked, which a busy process may not answer in
+/// time; that says nothing about what is there. A call ends within about two seconds.
 namespace own_api {
 /// Topics only: roscpp does not tell services.
-Registrations registrations();
-std::vector<PublisherLink> links();
+std::optional<Registrations> registrations();
+std::optional<std::vector<PublisherLink>> links();
 /// Connects to these publishers of a topic and drops the connections to all others.
 void updatePublishers(const std::string& topic, const std::set<std::string>& publisher_uris);
 }  // namespace own_api
 
-/// The master's side. All calls end within a second; null or false: it could not be asked.
+/// The master's side. Null or false: it could not be asked. A call ends within about two seconds, and as long as the
+/// name of the master's host takes to resolve.
 namespace master_api {
 /// What it knows of this process.
 std::optional<Registrations> registrations();
-/// Names of the topics that somebody publishes; empty when it could not be asked.
+/// Names of the topics that somebody publishes; empty when it could not be asked. Throws nothing.
 std::set<std::string> publishedTopics();
-/// Names of the nodes that listen to a topic; empty when it could not be asked.
+/// Names of the nodes that listen to a topic; empty when it could not be asked. Throws nothing.
 std::set<std::string> subscribers(const std::string& topic);
 bool registerPublisher(const std::string& topic, const std::string& type);
 /// The publishers' XML-RPC URIs.

@@ -12,6 +12,7 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <iterator>
 #include <mutex>
 #include <thread>
 
@@ -127,7 +128,10 @@ class MasterWatch::Impl {
       return false;
     }
     setReached(true);
-    const Registrations own = ownRegistrations(*known);
+    const std::optional<Registrations> topics = own_api::registrations();
+    if (!topics)
+      return false;
+    const Registrations own = withServices(*topics, *known);
     const Registrations missing = missingOf(own, *known);
     if (missing.empty()) {
       finish(own);
@@ -155,8 +159,7 @@ class MasterWatch::Impl {
   }
 
   /// Services are known from the master alone; those that were given up meanwhile are left out.
-  Registrations ownRegistrations(const Registrations& known) {
-    Registrations own = own_api::registrations();
+  Registrations withServices(Registrations own, const Registrations& known) {
     services_.insert(known.services.begin(), known.services.end());
     for (const std::string& service : services_) {
       if (ros::ServiceManager::instance()->lookupServicePublication(service))
@@ -174,9 +177,11 @@ class MasterWatch::Impl {
       registered_ += master_api::registerService(service) ? 1 : 0;
     if (Clock::now() - *missing_since_ < kPublishersFirst)
       return;
-    const std::vector<PublisherLink> links = own_api::links();
+    const auto links = own_api::links();
+    if (!links)
+      return;
     for (const auto& [topic, type] : missing.subscriptions)
-      registered_ += subscribeAgain(topic, type, publishersOf(links, topic)) ? 1 : 0;
+      registered_ += subscribeAgain(topic, type, publishersOf(*links, topic)) ? 1 : 0;
   }
 
   /// Keeps connections to publishers that the master does not know: not every node registers again.
@@ -235,16 +240,20 @@ class MasterWatch::Impl {
 
   /// Whether hosts of publishers answer; false while one does not.
   bool lookAtHosts() {
-    const std::vector<PublisherLink> links = own_api::links();
-    completeRenewal(links);
+    const auto links = own_api::links();
+    if (!links)
+      return false;
+    completeRenewal(*links);
     std::map<std::string, XmlRpcServerAddress> hosts;
-    for (const PublisherLink& link : links) {
+    for (const PublisherLink& link : *links) {
       const XmlRpcServerAddress address = addressOf(link.publisher_uri);
       if (isRemote(address.host))
         hosts.emplace(address.host, address);
     }
+    for (auto silent = silent_since_.begin(); silent != silent_since_.end();)
+      silent = hosts.count(silent->first) == 0 ? silent_since_.erase(silent) : std::next(silent);
     for (const auto& [host, address] : hosts)
-      lookAtHost(address, links);
+      lookAtHost(address, *links);
     return silent_since_.empty() && renewing_.empty();
   }
 

@@ -67,8 +67,11 @@ class MasterTest(graph.GraphTest):
     self.assertGreater(len(states), 4000)
     self.check_that_nothing_was_lost(states, grid.messages)
     # The nodes among themselves, too: a tool without patches or poses takes its force to zero.
-    self.assertGreater(min(s.device_force.z for s in states), 0.0)
-    self.assertEqual({s.pose_stale for s in states}, {0})
+    # A stall of this machine does so too, for some ticks.
+    stale = sum(s.pose_stale for s in states)
+    self.assertLess(stale, 0.05 * len(states))
+    self.assertEqual({s.pose_stale for s in states[-200:]}, {0})
+    self.assertGreater(min(s.device_force.z for s in states[-200:]), 0.0)
     for node in self.nodes:
       self.wait_for_status(
           node, lambda s: any(v.key.startswith('times that the master forgot') and v.value == '1' for v in s.values),

@@ -15,7 +15,8 @@ namespace soft_volume {
 ///   wait as long again as the host was gone.
 ///
 /// What happened is logged and told in diagnostics ("NODE: graph"). Works for what other libraries registered in this
-/// process too. One thread; no call of it waits for longer than a second.
+/// process too. One thread; a call of it waits for about two seconds at most, and as long as a host's name takes to
+/// resolve.
 class MasterWatch {
  public:
   /// ROS must have been started.
