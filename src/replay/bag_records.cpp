@@ -57,6 +57,10 @@ std::string hint(const std::string& path) {
     return ", but its recorder was killed and left '" + active + "': run `rosbag reindex '" + active +
            "'`, then give that file; all but the last second is in it";
   }
+  if (const std::string kept = path + ".interrupted"; exists(kept)) {
+    return ", but its recorder was killed, and the next one kept what it left as '" + kept +
+           "': run `rosbag reindex '" + kept + "'`, then give that file; all but the last second is in it";
+  }
   if (exists(partFile(path, 0)))
     return ", but it was recorded in parts: give one of them, such as '" + partFile(path, 0) + "'";
   return "";

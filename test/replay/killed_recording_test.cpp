@@ -144,7 +144,9 @@ TEST(KilledRecording, TheReplaySaysWhatToDo) {
   EXPECT_NE(toldOf(bag + ".active").find("`rosbag reindex '" + bag + ".active'`"), std::string::npos);
   fs::remove(bag);
   EXPECT_NE(toldOf(bag).find("`rosbag reindex '" + bag + ".active'`"), std::string::npos);
-  fs::remove(bag + ".active");
+  fs::rename(bag + ".active", bag + ".interrupted");
+  EXPECT_NE(toldOf(bag).find("`rosbag reindex '" + bag + ".interrupted'`"), std::string::npos);
+  fs::remove(bag + ".interrupted");
   fs::copy_file("/proc/self/exe", folder / "run_0.bag");
   EXPECT_NE(toldOf(bag).find("such as '" + (folder / "run_0.bag") + "'"), std::string::npos);
 }
