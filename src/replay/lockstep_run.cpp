@@ -210,9 +210,23 @@ void LockstepRun::applyEntries(std::int64_t time_ns) {
     applyEntry(plan_.entries[next_entry_].entry);
 }
 
+/// As it was, but of no run, so that nothing that was not usable then is usable here.
+template <typename Message>
+void LockstepRun::applyRefused(const JournalEntry& entry) {
+  if (counts_.first_refusal.empty())
+    counts_.first_refusal = entry.topic + ": " + entry.reason;
+  auto message = fromPayload<Message>(entry.payload);
+  message.session = 0;
+  if constexpr (!std::is_same_v<Message, PartRemoval>)
+    publishAt(stampNow(), entry.topic, message);
+  applyMessage(message);
+}
+
 /// For this session and the grid as it is now. Cells of another grid mean nothing here.
 template <typename Message>
 void LockstepRun::applyAdapted(const JournalEntry& entry) {
+  if (entry.outcome == JournalEntry::REFUSED)
+    return applyRefused<Message>(entry);
   auto message = fromPayload<Message>(entry.payload);
   message.header.stamp = rosTime(stampNow());
   message.session = session_.id();
@@ -230,7 +244,9 @@ void LockstepRun::applyAdapted(const JournalEntry& entry) {
 }
 
 void LockstepRun::applyEntry(const JournalEntry& entry) {
-  if (entry.outcome == JournalEntry::NOTED)
+  // A change of the integrator is not asked for its session, so it would not be refused for that.
+  const bool only_noted = entry.topic == topics::kSetIntegrator && entry.outcome == JournalEntry::REFUSED;
+  if (entry.outcome == JournalEntry::NOTED || only_noted)
     journal_.note(entry.topic, entry.type, entry.payload, entry.reason);
   else if (entry.topic == topics::kToolForce)
     applyAdapted<ToolForce>(entry);

@@ -101,6 +101,8 @@ class LockstepRun {
   template <typename Message>
   void applyMessage(const Message& message);
   template <typename Message>
+  void applyRefused(const JournalEntry& entry);
+  template <typename Message>
   void applyAdapted(const JournalEntry& entry);
   void count(const JournalEntry& entry);
   void makePatches(std::int64_t time_ns);

@@ -3,16 +3,18 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/TwistStamped.h>
 #include <rosbag/bag.h>
-#include <rosbag/exceptions.h>
 #include <sensor_msgs/JointState.h>
 #include <sensor_msgs/Joy.h>
 
 #include <algorithm>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <set>
+#include <stdexcept>
 #include <utility>
 
+#include "bag_file.h"
 #include "device_recording.h"
 #include "lockstep_run.h"
 #include "soft_volume/common/error.h"
@@ -21,41 +23,59 @@
 namespace soft_volume {
 namespace {
 
-/// A bag that appears under its name when it is complete.
+/// A bag that appears under its name when it is complete. No other recording is touched.
 class BagWriter {
  public:
-  explicit BagWriter(const std::string& path) : path_(path), unfinished_(path + ".active") {
-    try {
-      bag_.open(unfinished_, rosbag::bagmode::Write);
-    } catch (const rosbag::BagException& error) {
-      throw ReplayError(path + ": the bag cannot be written: " + error.what());
-    }
-    bag_.setCompression(rosbag::compression::LZ4);
+  /// Throws core::FileError when somebody else is writing this bag.
+  explicit BagWriter(const std::string& path) : path_(path), active_(path) {
+    attempt([&] {
+      bag_->open(active_.path(), rosbag::bagmode::Write);
+      bag_->setCompression(rosbag::compression::LZ4);
+    });
   }
   ~BagWriter() {
-    if (done_)
+    if (done_ || !bag_)
       return;
-    std::error_code ignored;
-    std::filesystem::remove(unfinished_, ignored);
+    try {
+      attempt([&] { bag_->close(); });
+    } catch (const ReplayError&) {
+      return;
+    }
+    discard();
   }
   BagWriter(const BagWriter&) = delete;
   BagWriter& operator=(const BagWriter&) = delete;
 
   void write(const std::string& topic, const ros::Time& stamp, const boost::shared_ptr<const AnyMessage>& message,
              bool latched) {
-    try {
-      bag_.write(topic, std::max(stamp, ros::TIME_MIN), *message, headerOf(topic, *message, latched));
-    } catch (const rosbag::BagException& error) {
-      throw ReplayError(path_ + ": the bag cannot be written: " + error.what());
-    }
+    attempt([&] { bag_->write(topic, std::max(stamp, ros::TIME_MIN), *message, headerOf(topic, *message, latched)); });
   }
   void finish() {
-    bag_.close();
-    std::filesystem::rename(unfinished_, path_);
+    attempt([&] {
+      bag_->close();
+      std::filesystem::rename(active_.path(), path_);
+    });
     done_ = true;
   }
 
  private:
+  template <typename Action>
+  void attempt(const Action& action) {
+    try {
+      action();
+    } catch (const std::runtime_error& error) {
+      // A bag that could not be written would try again in its destructor, and throw from there.
+      static_cast<void>(bag_.release());
+      discard();
+      throw ReplayError(path_ + ": the bag cannot be written: " + error.what());
+    }
+  }
+
+  void discard() const {
+    std::error_code ignored;
+    std::filesystem::remove(active_.path(), ignored);
+  }
+
   const boost::shared_ptr<ros::M_string>& headerOf(const std::string& topic, const AnyMessage& message, bool latched) {
     boost::shared_ptr<ros::M_string>& header = headers_[topic];
     if (!header) {
@@ -71,8 +91,8 @@ class BagWriter {
   }
 
   std::string path_;
-  std::string unfinished_;
-  rosbag::Bag bag_;
+  ActiveFile active_;
+  std::unique_ptr<rosbag::Bag> bag_ = std::make_unique<rosbag::Bag>();
   std::map<std::string, boost::shared_ptr<ros::M_string>> headers_;
   bool done_ = false;
 };
@@ -309,9 +329,11 @@ void report(const LockstepRun& run, Resimulation& result) {
 
 Resimulation resimulate(const RecordedBag& bag, const ResimulationOptions& options, const ReplayProgress& progress) {
   Resimulation result;
-  std::error_code error;
-  if (std::filesystem::equivalent(bag.path(), options.output, error))
-    throw ReplayError(options.output + ": this is the bag that is read; give another one");
+  for (const std::string& written : {options.output, options.output + ".active"}) {
+    std::error_code absent;
+    if (std::filesystem::equivalent(bag.path(), written, absent))
+      throw ReplayError(written + ": this is the bag that is read; give another name to the new one");
+  }
   Planner planner(bag, options, result);
   BagWriter writer(options.output);
   const auto publish = [&writer](const std::string& topic, const ros::Time& stamp,

@@ -331,6 +331,10 @@ void rewriteBag(const std::string& from, const std::string& to, const std::funct
 ProgramResult replay(const std::string& bag, const std::string& arguments) {
   const std::string command = "timeout 120 '" SOFT_VOLUME_BIN_DIR "/soft_volume_replay' '" + bag + "' " + arguments +
                               (arguments.find("--threads") == std::string::npos ? " --threads 1 2>&1" : " 2>&1");
+  return runShell(command);
+}
+
+ProgramResult runShell(const std::string& command) {
   ProgramResult result;
   FILE* pipe = popen(command.c_str(), "r");
   std::array<char, 4096> buffer;

@@ -73,5 +73,7 @@ struct ProgramResult {
 };
 /// Runs soft_volume_replay on a bag, with one thread unless told otherwise.
 ProgramResult replay(const std::string& bag, const std::string& arguments = "--check");
+/// Runs a command that ends with `2>&1`.
+ProgramResult runShell(const std::string& command);
 
 }  // namespace soft_volume
