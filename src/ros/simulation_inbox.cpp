@@ -35,7 +35,11 @@ std::uint64_t applyAtStep(const SimulationInput& input) {
 void SimulationInbox::queueInput(SimulationInput input) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (in_lockstep_) {
-    lockstep_.add(input);
+    // In lockstep none may be lost, so it ends.
+    if (lockstep_.waiting() < kMaxQueuedInputs)
+      lockstep_.add(input);
+    else
+      lockstep_.end("more inputs wait than the simulation can take");
     wake_.notify_all();
     return;
   }
@@ -68,7 +72,7 @@ void SimulationInbox::hearProgress(const ToolProgress& message) {
     lockstep_.noteProgress();
     wake_.notify_all();
     if (message.left != 0)
-      lockstep_.leave(notice);
+      lockstep_.end(notice.hand + " has left it");
     else if (!usable(scene_, notice.tool_id, notice.point_m, notice.patch_radius_m))
       incidents_.report(topics::kToolProgress,
                         "a tool that the scene does not have, or a place or radius out of range");

@@ -104,28 +104,43 @@ std::optional<ResumedRun> SimulationNode::keptRun() {
       incidents_.report(topics::kResume, "the end of the kept run is lost: " + kept->damage);
     return resume(*kept, scene_, volumes_, threads_);
   } catch (const core::Error& error) {
-    incidents_.report(topics::kResume, std::string(error.what()) +
-                                           ": the kept run cannot go on and starts from rest (" +
-                                           resume_file_->setAside() + " is what was kept)");
+    refuseKeptRun(error);
   }
   return std::nullopt;
 }
 
+void SimulationNode::refuseKeptRun(const core::Error& error) {
+  incidents_.report(topics::kResume, std::string(error.what()) + ": the kept run cannot go on and starts from rest (" +
+                                         resume_file_->setAside() + " is what was kept)");
+}
+
 void SimulationNode::startOrResume() {
   const std::optional<ResumedRun> run = keptRun();
-  if (!run) {
-    startSession(nullptr);
-    return;
+  const bool paused = run_.paused;
+  const ros::Time epoch = run_.epoch;
+  if (run) {
+    try {
+      return goOn(*run);
+    } catch (const core::Error& error) {
+      refuseKeptRun(error);
+    }
   }
-  run_.paused = run->paused;
+  run_.paused = paused;
+  run_.epoch = epoch;
+  resumed_.clear();
+  startSession(nullptr);
+}
+
+void SimulationNode::goOn(const ResumedRun& run) {
+  run_.paused = run.paused;
   // The clock that others saw last is at most a journal's interval later than the journal.
   const double earlier_s =
-      run->simulation_time_s - (publish_clock_ ? SessionPublisher::kJournalInterval_s + run->checkpoint.dt : 0.0);
-  const ros::Time now = publish_clock_ ? run->checkpoint.header.stamp : ros::Time::now();
+      run.simulation_time_s - (publish_clock_ ? SessionPublisher::kJournalInterval_s + run.checkpoint.dt : 0.0);
+  const ros::Time now = publish_clock_ ? run.checkpoint.header.stamp : ros::Time::now();
   run_.epoch = ros::Time(std::max(0.0, (now - ros::Time(0.0)).toSec() - earlier_s));
-  resumed_ = "session " + std::to_string(run->checkpoint.session) + ", step " + std::to_string(run->checkpoint.step);
-  startSession(&run->checkpoint, "goes on from " + resumed_ + ", where a simulation ended without being stopped; " +
-                                     std::to_string(run->steps_repeated) + " steps were repeated");
+  resumed_ = "session " + std::to_string(run.checkpoint.session) + ", step " + std::to_string(run.checkpoint.step);
+  startSession(&run.checkpoint, "goes on from " + resumed_ + ", where a simulation ended without being stopped; " +
+                                    std::to_string(run.steps_repeated) + " steps were repeated");
   ROS_WARN("the simulation goes on from %s, where another one ended without being stopped", resumed_.c_str());
 }
 

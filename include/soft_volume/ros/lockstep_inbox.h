@@ -27,13 +27,14 @@ class LockstepInbox {
   void begin(std::uint64_t session, std::size_t hands);
   std::uint64_t session() const { return session_; }
 
+  std::size_t waiting() const { return timed_inputs_.size(); }  ///< inputs
   void add(const SimulationInput& input);
   /// Somebody is there; begins the wait for the next notice.
   void noteProgress() { progress_heard_ = Clock::now(); }
   /// A hand's notice of this session; a wrong one ends the lockstep.
   void hear(const core::ToolNotice& notice);
-  /// A hand left.
-  void leave(const core::ToolNotice& notice) { end_ = notice.hand + " has left it"; }
+  /// The lockstep is to end: a hand left, say.
+  void end(const std::string& reason) { end_ = reason; }
 
   /// Nanoseconds of time zero; nothing before every hand has told its first sample.
   std::optional<std::int64_t> epoch() const { return gate_.epoch(); }

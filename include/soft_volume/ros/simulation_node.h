@@ -15,6 +15,7 @@
 #include <thread>
 #include <vector>
 
+#include "soft_volume/common/error.h"
 #include "soft_volume/messages/resume_file.h"
 #include "soft_volume/ros/incident_log.h"
 #include "soft_volume/ros/real_time_pacer.h"
@@ -59,7 +60,9 @@ class SimulationNode {
              void (SimulationNode::*work)(const typename Service::Request&, typename Service::Response&));
   void subscribe();
   std::optional<ResumedRun> keptRun();
+  void refuseKeptRun(const core::Error& error);
   void startOrResume();
+  void goOn(const ResumedRun& run);
 
   // In the simulation's thread.
   void run();
