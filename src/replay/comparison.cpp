@@ -64,6 +64,19 @@ class HeldVector {
 
 using Vectors = std::map<std::string, HeldVector>;
 
+bool holdsImages(const RecordedRun& run) {
+  for (std::size_t n = 0; n < run.frames().size(); ++n) {
+    if (run.hasImage(n))
+      return true;
+  }
+  return false;
+}
+
+/// The run whose frames are gone through: the first one, unless only the second one shows anything.
+const RecordedRun& shownBy(const RecordedRun& first, const RecordedRun& second) {
+  return !holdsImages(first) && holdsImages(second) ? second : first;
+}
+
 /// What each tool pressed on the tissue, as far as the journal applied it, by the times of the poses that the forces
 /// were computed from. `shift_s` is added to all times.
 Vectors toolForces(const RecordedRun& run, double shift_s) {
@@ -81,7 +94,9 @@ Vectors toolForces(const RecordedRun& run, double shift_s) {
     if (entry.topic != topics::kToolForce || entry.outcome != JournalEntry::APPLIED)
       continue;
     const auto message = fromPayload<ToolForce>(entry.payload);
-    const double time_s = run.timeOf(message.header.stamp) + shift_s;
+    // Who publishes by hand may leave the stamp out: then the step that applied it tells when.
+    const bool stamped = !message.header.stamp.isZero();
+    const double time_s = (stamped ? run.timeOf(message.header.stamp) : run.timeOfStep(entry.step)) + shift_s;
     Held& held = tools[message.tool_id];
     expire(held, time_s);
     held.force.set(time_s, fromVector(message.force));
@@ -168,6 +183,7 @@ class RunComparison {
       note("simulated time began " + std::to_string(shift_s_) +
            " s later in the second run; times are those of stamps");
     compareScenes();
+    compareEnds();
     compareGrids();
     compareVectors("force", "force of the tool on the tissue", toolForces(first_, 0.0), toolForces(second_, shift_s_));
     compareVectors("device_force", "force sent to the device", deviceForces(first_, 0.0),
@@ -189,7 +205,7 @@ class RunComparison {
       comparison_.notes.push_back(text);
   }
   void keep(ComparedQuantity quantity) {
-    if (!quantity.samples.empty())
+    if (!quantity.samples.empty() || quantity.left_out > 0)
       comparison_.quantities.push_back(std::move(quantity));
   }
 
@@ -204,6 +220,34 @@ class RunComparison {
     if (a.kernel != b.kernel || a.precision != b.precision)
       note("the first was computed with kernel " + a.kernel + " (" + a.precision + "), the second with " + b.kernel +
            " (" + b.precision + ")");
+  }
+
+  /// Whether both hold the same time: what only one of them did is compared nowhere else. A run that began later with a
+  /// state of its own beginning lacks nothing.
+  void compareEnds() {
+    const auto& a = first_.states();
+    const auto& b = second_.states();
+    const double begin_s = b.front().time_s + shift_s_;
+    const double end_s = b.back().time_s + shift_s_;
+    const double later_began_s = begin_s > a.front().time_s ? b.front().time_s : a.front().time_s;
+    const double at_begin_s = std::min(std::abs(begin_s - a.front().time_s), later_began_s);
+    const double at_end_s = std::abs(end_s - a.back().time_s);
+    ComparedQuantity ends = quantity("duration", "", "simulated time that only one run holds", "s", run_);
+    ends.addValues(std::max(begin_s, a.front().time_s), a.front().time_s, begin_s, at_begin_s);
+    ends.addValues(std::min(end_s, a.back().time_s), a.back().time_s, end_s, at_end_s);
+    ends.identical = ends.largest <= kSameDuration_s;
+    if (at_begin_s > kSameDuration_s)
+      tellEnd(begin_s > a.front().time_s, "begins", at_begin_s, "later");
+    if (at_end_s > kSameDuration_s)
+      tellEnd(end_s < a.back().time_s, "ends", at_end_s, "earlier");
+    keep(std::move(ends));
+  }
+
+  void tellEnd(bool of_second, const char* what, double apart_s, const char* when) {
+    char text[160];
+    std::snprintf(text, sizeof(text), "the %s run %s %.3f s %s than the other: that time is not compared",
+                  of_second ? "second" : "first", what, apart_s, when);
+    note(text);
   }
 
   std::shared_ptr<const core::Topology> uncut(const RecordedRun& run) const {
@@ -366,63 +410,93 @@ class RunComparison {
     return best;
   }
 
+  using Cameras = std::map<std::string, std::pair<ComparedQuantity, ComparedQuantity>>;
+
   void compareFrames() {
-    std::map<std::string, std::pair<ComparedQuantity, ComparedQuantity>> cameras;
-    std::vector<bool> used(second_.frames().size(), false);
-    const std::size_t drawn_every = drawnEvery();
-    for (std::size_t n = 0; n < first_.frames().size(); ++n, advance_(kFrameWork)) {
-      if (!first_.hasImage(n))
-        continue;
-      const RecordedFrame& frame = first_.frames()[n];
-      const std::string& camera = frame.stats.camera;
-      auto& made = cameras
-                       .try_emplace(camera, quantity("image_rmse", camera, "frames, RMSE", "levels", run_),
-                                    quantity("ssim", camera, "frames, structural similarity", "", run_))
-                       .first->second;
-      const std::size_t other = counterpart(frame, used);
-      if (other < second_.frames().size()) {
-        compareImages(first_.image(n), second_.image(other), frame.time_s, made);
-      } else if (const auto drawn = drawn_every > 0 && n % drawn_every == 0 ? drawSecond(frame) : std::nullopt) {
-        compareImages(first_.image(n), *drawn, frame.time_s, made);
-      } else {
-        leaveOut(made, drawn_every > 0 ? "that the second bag does not hold and that were not drawn"
-                                       : "without a frame of the same camera and time in the second bag");
-      }
-    }
-    tellFrames(cameras.empty());
+    Cameras cameras;
+    if (holdsImages(first_) && holdsImages(second_))
+      compareRecordedFrames(cameras);
+    else if (holdsImages(first_) || holdsImages(second_))
+      compareDrawnFrames(cameras);
+    else
+      note("no pictures are compared: neither bag holds any");
     for (auto& camera : cameras) {
       keep(std::move(camera.second.first));
       keep(std::move(camera.second.second));
     }
   }
 
-  /// Every so many of the first run's frames are drawn from the second one's states, which holds no images; 0: none.
-  std::size_t drawnEvery() const {
-    for (std::size_t n = 0; n < second_.frames().size(); ++n) {
-      if (second_.hasImage(n))
-        return 0;
+  std::pair<ComparedQuantity, ComparedQuantity>& ofCamera(Cameras& cameras, const std::string& camera) const {
+    return cameras
+        .try_emplace(camera, quantity("image_rmse", camera, "frames, RMSE", "levels", run_),
+                     quantity("ssim", camera, "frames, structural similarity", "", run_))
+        .first->second;
+  }
+
+  void compareRecordedFrames(Cameras& cameras) {
+    std::vector<bool> used(second_.frames().size(), false);
+    for (std::size_t n = 0; n < first_.frames().size(); ++n, advance_(kFrameWork)) {
+      if (!first_.hasImage(n))
+        continue;
+      const RecordedFrame& frame = first_.frames()[n];
+      auto& made = ofCamera(cameras, frame.stats.camera);
+      const std::size_t other = counterpart(frame, used);
+      if (other < second_.frames().size())
+        compareImages(first_.image(n), second_.image(other), frame.time_s, made);
+      else
+        leaveOut(made, "without a frame of the same camera and time in the second bag");
     }
+  }
+
+  /// Frames of the only run that holds images against the other one's states.
+  void compareDrawnFrames(Cameras& cameras) {
+    const RecordedRun& shown = shownBy(first_, second_);
+    const double to_first_s = &shown == &first_ ? 0.0 : shift_s_;
+    const auto every = drawnEvery(shown);
+    std::map<std::string, std::size_t> seen;
+    for (std::size_t n = 0; n < shown.frames().size(); ++n, advance_(kFrameWork)) {
+      if (!shown.hasImage(n))
+        continue;
+      const RecordedFrame& frame = shown.frames()[n];
+      const std::string& camera = frame.stats.camera;
+      const bool wanted = every.at(camera) > 0 && seen[camera]++ % every.at(camera) == 0;
+      const auto drawn = wanted ? drawOther(shown, frame) : std::nullopt;
+      if (drawn)
+        compareImages(shown.image(n), *drawn, frame.time_s + to_first_s, ofCamera(cameras, camera));
+      else
+        leaveOut(ofCamera(cameras, camera), "that the other bag does not hold and that were not drawn");
+    }
+    tellDrawn(&shown == &first_ ? "second" : "first");
+  }
+
+  /// Every so many of a camera's frames are drawn, so that all cameras have an equal share; 0: none.
+  std::map<std::string, std::size_t> drawnEvery(const RecordedRun& shown) const {
+    std::map<std::string, std::size_t> frames;
+    for (std::size_t n = 0; n < shown.frames().size(); ++n)
+      frames[shown.frames()[n].stats.camera] += shown.hasImage(n) ? 1 : 0;
     const std::size_t most = options_.most_drawn_frames;
-    return most == 0 ? 0 : std::max<std::size_t>(1, (first_.frames().size() + most - 1) / most);
+    const std::size_t share = std::max<std::size_t>(1, most / frames.size());
+    for (auto& camera : frames)
+      camera.second = most == 0 ? 0 : std::max<std::size_t>(1, (camera.second + share - 1) / share);
+    return frames;
   }
 
-  void tellFrames(bool none_recorded) {
-    if (drawn_frames_ > 0) {
-      char text[160];
-      std::snprintf(
-          text, sizeof(text),
-          "the second bag holds no images: %zu were drawn from its states, up to %.2g ms beside the frame's time",
-          drawn_frames_, 1e3 * drawn_apart_s_);
-      note(text);
-    } else if (!none_recorded && second_.frames().empty()) {
-      note("no frames are compared: the second bag holds none");
-    }
+  void tellDrawn(const char* run) {
+    char text[160];
+    if (drawn_frames_ > 0)
+      std::snprintf(text, sizeof(text),
+                    "the %s bag holds no images: %zu were drawn from its states, up to %.2g ms beside the frame's time",
+                    run, drawn_frames_, 1e3 * drawn_apart_s_);
+    else
+      std::snprintf(text, sizeof(text), "no frames are compared: the %s bag holds no images", run);
+    note(text);
   }
 
-  /// What a frame of the first run would show of the second one, from its nearest state.
-  std::optional<core::Image> drawSecond(const RecordedFrame& frame) {
-    const auto& states = second_.states();
-    const double time_s = frame.time_s - shift_s_;
+  /// What a frame of one run would show of the other one, from its nearest state.
+  std::optional<core::Image> drawOther(const RecordedRun& shown, const RecordedFrame& frame) {
+    const bool of_first = &shown == &first_;
+    const auto& states = (of_first ? second_ : first_).states();
+    const double time_s = frame.time_s + (of_first ? -shift_s_ : shift_s_);
     const auto nearest = std::min_element(states.begin(), states.end(), [time_s](const auto& a, const auto& b) {
       return std::abs(a.time_s - time_s) < std::abs(b.time_s - time_s);
     });
@@ -433,14 +507,15 @@ class RunComparison {
       first_renderer_ = std::make_unique<StateRenderer>(first_, options_.threads);
       second_renderer_ = std::make_unique<StateRenderer>(second_, options_.threads);
     }
-    const auto camera = first_renderer_->cameraOf(frame);
+    const StateRenderer& as = of_first ? *first_renderer_ : *second_renderer_;
+    StateRenderer& renderer = of_first ? *second_renderer_ : *first_renderer_;
+    const auto camera = as.cameraOf(frame);
     const auto state = static_cast<std::size_t>(nearest - states.begin());
-    if (!camera || !second_renderer_->canDraw(state))
+    if (!camera || !renderer.canDraw(state))
       return std::nullopt;
     ++drawn_frames_;
     drawn_apart_s_ = std::max(drawn_apart_s_, apart_s);
-    return second_renderer_->draw(state, first_renderer_->settingsOf(frame), frame.stats.settings, *camera,
-                                  frame.stats.coarseness);
+    return renderer.draw(state, as.settingsOf(frame), frame.stats.settings, *camera, frame.stats.coarseness);
   }
 
   static void leaveOut(std::pair<ComparedQuantity, ComparedQuantity>& made, const char* reason) {
@@ -581,7 +656,7 @@ Comparison compareBags(const RecordedBag& first, const RecordedBag& second, cons
   double total = 0.0;
   for (std::size_t n = 0; n < count; ++n)
     total += static_cast<double>(first_runs[n]->states().size()) +
-             kFrameWork * static_cast<double>(first_runs[n]->frames().size());
+             kFrameWork * static_cast<double>(shownBy(*first_runs[n], *second_runs[n]).frames().size());
   double done = 0.0;
   for (std::size_t n = 0; n < count; ++n) {
     RunComparison(*first_runs[n], *second_runs[n], n, options, comparison, [&](double work) {

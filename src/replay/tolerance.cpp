@@ -33,7 +33,7 @@ struct Limit {
 };
 
 constexpr double kAny = 1e9;
-constexpr std::array<Limit, 13> kLimits{{
+constexpr std::array<Limit, 14> kLimits{{
     {"positions", "positions", false, Unit::kSpacing, kAny, "farthest material point, in edges of a cell"},
     {"positions_rms", "positions", true, Unit::kSpacing, kAny, "the same as RMS over points that moved"},
     {"force", "force", false, Unit::kOwn, kAny, "force of a tool on the tissue, largest difference [N]"},
@@ -47,6 +47,7 @@ constexpr std::array<Limit, 13> kLimits{{
     {"parts", "parts", false, Unit::kOwn, kAny, "number of parts of the tissue"},
     {"revision", "revision", false, Unit::kOwn, kAny, "number of cuts so far"},
     {"active_cells", "active_cells", false, Unit::kRelative, kAny, "cells in the solve, part of the largest number"},
+    {"duration", "duration", false, Unit::kOwn, kAny, "time at the ends that only one run holds [s]; 0.1 if not given"},
 }};
 
 bool isSimilarity(const Limit& limit) {
@@ -145,15 +146,33 @@ std::vector<Judgement> judgeIdentity(const std::vector<ComparedQuantity>& quanti
     judgement.subject = quantity.subject;
     judgement.measured = quantity.largest;
     char text[256];
-    std::snprintf(text, sizeof(text), "%s: %s %.4g %s at %.3f s", nameOf(quantity).c_str(),
-                  quantity.key == "ssim" ? "as low as" : "differs by up to", quantity.largest, quantity.unit.c_str(),
-                  quantity.largest_at_s);
-    judgement.text = text;
+    std::snprintf(text, sizeof(text), "%s %.4g %s at %.3f s", quantity.key == "ssim" ? "as low as" : "differs by up to",
+                  quantity.largest, quantity.unit.c_str(), quantity.largest_at_s);
+    judgement.text = nameOf(quantity) + ": " + (quantity.compared > 0 ? text : "nothing could be compared");
     if (quantity.left_out > 0)
       judgement.text += "; " + std::to_string(quantity.left_out) + " left out: " + quantity.left_out_reason;
     judgements.push_back(std::move(judgement));
   }
   return judgements;
+}
+
+/// A limit for something of which nothing could be compared.
+Judgement judgeNothing(const std::string& key, const std::string& subject, double value, const std::string& reason) {
+  Judgement missing;
+  missing.key = key;
+  missing.subject = subject;
+  missing.limit = value;
+  missing.text = key + (subject.empty() ? "" : " " + subject) + " has a limit, but there is nothing to compare" +
+                 (reason.empty() ? "" : ": all is left out, " + reason);
+  return missing;
+}
+
+/// Runs that ended elsewhere are within no limit of each other unless one allows that.
+void judgeDuration(const std::vector<ComparedQuantity>& quantities, std::vector<Judgement>& judgements) {
+  for (const ComparedQuantity& quantity : quantities) {
+    if (quantity.key == "duration" && !quantity.identical)
+      judgements.push_back(judgeOne(quantity, limitNamed("duration"), kSameDuration_s, 1.0));
+  }
 }
 
 }  // namespace
@@ -192,17 +211,17 @@ std::vector<Judgement> judge(const std::vector<ComparedQuantity>& quantities, do
     const Limit& limit = limitNamed(key);
     const std::size_t before = judgements.size();
     for (const ComparedQuantity& quantity : quantities) {
-      if (quantity.key == limit.quantity && !quantity.samples.empty())
-        judgements.push_back(judgeOne(quantity, limit, value, spacing_m));
+      if (quantity.key != limit.quantity)
+        continue;
+      judgements.push_back(quantity.compared > 0
+                               ? judgeOne(quantity, limit, value, spacing_m)
+                               : judgeNothing(key, quantity.subject, value, quantity.left_out_reason));
     }
-    if (judgements.size() > before)
-      continue;
-    Judgement missing;
-    missing.key = key;
-    missing.limit = value;
-    missing.text = key + " has a limit, but there is nothing to compare";
-    judgements.push_back(std::move(missing));
+    if (judgements.size() == before)
+      judgements.push_back(judgeNothing(key, "", value, ""));
   }
+  if (tolerance.limits.count("duration") == 0)
+    judgeDuration(quantities, judgements);
   return judgements;
 }
 

@@ -13,6 +13,7 @@
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "replay/recorded_run.h"
 #include "replay/test_folder.h"
@@ -98,6 +99,50 @@ TEST_F(CompareBags, RecordedPositionsAreThoseOfTheCheckpoint) {
     }
   }
   EXPECT_GE(compared, 3U);
+}
+
+/// Keys of what a tolerance does not let pass.
+std::set<std::string> beyond(const Comparison& comparison, const std::string& tolerance) {
+  std::set<std::string> keys;
+  for (const Judgement& judgement : judge(comparison.quantities, comparison.spacing_m, parseTolerance(tolerance))) {
+    if (!judgement.within)
+      keys.insert(judgement.key);
+  }
+  return keys;
+}
+
+/// A simulation that dies halfway must not pass because the first half is the same.
+TEST_F(CompareBags, ARunThatEndsEarlyIsWithinNoLimit) {
+  RunSettings half;
+  half.steps = 150;
+  recordBag(other(), half);
+  for (const auto& bags : {std::pair(whole(), other()), std::pair(other(), whole())}) {
+    const Comparison comparison = compare(bags.first, bags.second);
+    EXPECT_GT(find(comparison, "duration").largest, kSameDuration_s);
+    EXPECT_FALSE(comparison.identical());
+    EXPECT_EQ(beyond(comparison, "positions=1,force=100"), (std::set<std::string>{"duration"}));
+    EXPECT_EQ(beyond(comparison, "positions=1,force=100,duration=10"), (std::set<std::string>{}));
+  }
+}
+
+TEST_F(CompareBags, FramesOfAnotherSizeAreNotPassedOver) {
+  rewriteBag(whole(), other(), [](RawMessage& raw) {
+    if (raw.type == "sensor_msgs/Image") {
+      sensor_msgs::Image image;
+      ros::serialization::IStream in(raw.bytes.data(), static_cast<std::uint32_t>(raw.bytes.size()));
+      ros::serialization::deserialize(in, image);
+      image.height /= 2;
+      image.data.resize(image.height * image.step);
+      raw.bytes.resize(ros::serialization::serializationLength(image));
+      ros::serialization::OStream out(raw.bytes.data(), static_cast<std::uint32_t>(raw.bytes.size()));
+      ros::serialization::serialize(out, image);
+    }
+    return true;
+  });
+  const Comparison comparison = compare(other(), whole());
+  EXPECT_EQ(different(comparison), (std::set<std::string>{"image_rmse", "ssim"}));
+  EXPECT_FALSE(comparison.identical());
+  EXPECT_EQ(beyond(comparison, "ssim=0.1"), (std::set<std::string>{"ssim"}));
 }
 
 TEST_F(CompareBags, ARunHasWhatWasRecorded) {

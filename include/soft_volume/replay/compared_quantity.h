@@ -6,6 +6,9 @@
 
 namespace soft_volume {
 
+/// Recordings whose ends are no farther apart hold the same time: a run in lockstep ends some samples earlier.
+constexpr double kSameDuration_s = 0.1;
+
 /// Two runs at one simulated time.
 struct ComparedSample {
   double time_s = 0.0;
@@ -23,13 +26,14 @@ struct ComparedSample {
 /// | force        | N        | tool         | force that the tissue feels                                             |
 /// | device_force | N        | topic        | force sent to the device                                                |
 /// | image_rmse   | levels   | camera       | RMSE of two frames, 0 to 255                                            |
-/// | ssim         |          | camera       | structural similarity of two frames (render/image_io.h), 1 when the same
-/// | | energy       | J        | kind         | kinetic and elastic energy | | cut_area     | m^2      |              |
-/// area at rest of what blades opened, one side                            | | parts        |          |              |
-/// parts that the tissue fell into                                         | | revision     |          |              |
-/// revisions of the topology                                               | | active_cells |          |              |
-/// cells in the solve                                                      | | step_time    | ms       |              |
-/// wall time of a step                                                     |
+/// | ssim         |          | camera       | structural similarity of two frames (image_io.h), 1: the same           |
+/// | energy       | J        | kind         | kinetic and elastic energy                                              |
+/// | cut_area     | m^2      |              | area at rest of what blades opened, one side                            |
+/// | parts        |          |              | parts that the tissue fell into                                         |
+/// | revision     |          |              | revisions of the topology                                               |
+/// | active_cells |          |              | cells in the solve                                                      |
+/// | step_time    | ms       |              | wall time of a step                                                     |
+/// | duration     | s        |              | simulated time at the begin and the end that only one run holds         |
 struct ComparedQuantity {
   std::string key;
   std::string subject;  ///< as above; empty for the whole run

@@ -33,7 +33,8 @@ struct Judgement {
 };
 
 /// One for every limit and subject, in the order of the keys; `spacing_m` is the edge of a cell. A limit for something
-/// that was not compared is not kept. Without limits, one for everything that is not the same.
+/// that was not compared is not kept. Ends that are apart (duration) fail without a limit, too. Without limits, one for
+/// everything that is not the same.
 std::vector<Judgement> judge(const std::vector<ComparedQuantity>& quantities, double spacing_m,
                              const Tolerance& tolerance);
 

@@ -41,7 +41,9 @@ void judgeFindings(const Arguments& arguments, Findings& findings) {
       if (measurable.limits.count(limit.first) == 0 && !findings.comparison)
         findings.notes.push_back("the limit of " + limit.first + " was not judged: --check does not measure it");
     }
-    append(judge(findings.check->measured, findings.check->spacing_m, measurable), findings.judgements);
+    // No limits at all would mean: bit for bit.
+    if (!measurable.empty())
+      append(judge(findings.check->measured, findings.check->spacing_m, measurable), findings.judgements);
   }
   if (findings.comparison && (!arguments.against.empty() || !tolerance.empty()))
     append(judge(findings.comparison->quantities, findings.comparison->spacing_m, tolerance), findings.judgements);

@@ -112,7 +112,7 @@ std::vector<std::string> farApart(const Comparison& c) {
     if (q.key == "device_force")
       lines.push_back("The force at the device (" + q.subject + ") differs by up to " + number(q.largest) + " N of " +
                       number(q.scale) + " N; RMS " + number(q.rms) + " N.");
-    if (q.key == "ssim")
+    if (q.key == "ssim" && q.compared > 0)
       lines.push_back("Frames of " + q.subject + " have a structural similarity of " + number(q.largest, 4) +
                       " at least, " + number(q.rms, 4) + " in the mean.");
   }
