@@ -180,8 +180,8 @@ class RunComparison {
 
   void compare() {
     if (shift_s_ != 0.0)
-      note("simulated time began " + std::to_string(shift_s_) +
-           " s later in the second run; times are those of stamps");
+      note("simulated time began " + std::to_string(std::abs(shift_s_)) + " s " +
+           (shift_s_ > 0.0 ? "later" : "earlier") + " in the second run; times are those of stamps");
     compareScenes();
     compareEnds();
     compareGrids();
